@@ -1,0 +1,1 @@
+"""Codecs: from frames to correspondences, one method a file; reached by name through `slkit.registry`."""

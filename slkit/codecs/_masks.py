@@ -1,0 +1,157 @@
+"""What every codec asks of its frames first: how many, how bright, how noisy, where lit.
+
+Nothing here knows a grey level: contrast is judged against the noise that the pictures themselves show.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from slkit.data import Correspondences, Float32s, Frames, Image, check_image, describe_image
+from slkit.errors import DecodeError, InputError
+
+_QUANTISATION = 1 / np.sqrt(12)
+_SENSOR_BITS = (10, 12, 14)
+
+
+class Reader:
+    """Reads each frame of a set once, in any order, and refuses one that does not fit the first."""
+
+    def __init__(self, frames: Frames, expected: Sequence[str]) -> None:
+        """Errors: InputError where the number of frames is not that of the patterns `expected`, by name."""
+        if len(frames) != len(expected):
+            verb = "is" if len(frames) == 1 else "are"
+            raise InputError(
+                f"{len(expected)} frames are needed ({expected[0]} to {expected[-1]}), but there {verb} {len(frames)}"
+            )
+        self._frames = frames
+        self._first: tuple[str, Image] | None = None
+
+    def color(self, index: int) -> Image:
+        """Return frame `index` as it is, (h, w) or (h, w, 3).
+
+        Errors: InputError naming the frame where it is no picture, or of another size or depth than the first.
+        """
+        image, name = self._frames[index], self._frames.names[index]
+        check_image(image, name)
+        if self._first is None:
+            self._first = name, image
+        first_name, first = self._first
+        if image.shape != first.shape or image.dtype != first.dtype:
+            raise InputError(f"frame {name} is {describe_image(image)}, but {first_name} is {describe_image(first)}")
+        return image
+
+    def grey(self, index: int) -> Float32s:
+        """Return frame `index` as grey levels (h, w). Errors: as `color`."""
+        return grey(self.color(index))
+
+
+@dataclass(frozen=True, eq=False)
+class Light:
+    """The range of grey levels a scene spans, and where it can be decoded.
+
+    low, high (h, w): dark and fully lit picture in grey levels; noise_low, noise_high: their noise, 1 sigma, in grey
+    levels; mask (h, w): lit well enough and not saturated.
+    """
+
+    low: Float32s
+    high: Float32s
+    noise_low: float
+    noise_high: float
+    mask: npt.NDArray[np.bool_]
+
+    @property
+    def span(self) -> Float32s:
+        """High - low in grey levels, (h, w), never below one level."""
+        return np.maximum(self.high - self.low, np.float32(1))
+
+    def noise(self, level: Float32s) -> Float32s:
+        """Return the noise, 1 sigma in grey levels, expected at a grey level (...): variance grows with light."""
+        share = np.clip((level - self.low) / self.span, 0, 1)
+        return np.sqrt(self.noise_low**2 + (max(self.noise_high, self.noise_low) ** 2 - self.noise_low**2) * share)
+
+
+def measure_light(white: Image, black: Image, min_snr: float) -> Light:
+    """Return the light of a scene from its white and black reference pictures.
+
+    A pixel is used where white - black exceeds `min_snr` times the noise of that difference and white is not
+    saturated. Errors: DecodeError where that leaves no pixel.
+    """
+    high, low = grey(white), grey(black)
+    noise_low, noise_high = noise_level(low), noise_level(high)
+    lit = high - low > min_snr * np.hypot(noise_low, noise_high)
+    saturated = saturation(white)
+    mask = lit & ~saturated
+    refuse_empty(mask, lit, saturated)
+    return Light(low, high, noise_low, noise_high, mask)
+
+
+def refuse_empty(mask: npt.NDArray[np.bool_], lit: npt.NDArray[np.bool_], saturated: npt.NDArray[np.bool_]) -> None:
+    """Refuse a set in which nothing can be decoded. Errors: DecodeError that says whether light or contrast lacks."""
+    if mask.any():
+        return
+    if saturated.any() and saturated.sum() >= lit.sum():
+        raise DecodeError("the fully lit picture is saturated: shorten the exposure or dim the projector")
+    raise DecodeError(
+        "no pixel is lit well above the noise: the patterns were not projected, or the exposure is too short"
+    )
+
+
+def grey(image: Image) -> Float32s:
+    """Return a picture as float32 grey levels (h, w): colour by the mean of its channels."""
+    if image.ndim == 2:
+        return image.astype(np.float32)
+    return image.mean(axis=2, dtype=np.float32)
+
+
+def saturation(image: Image) -> npt.NDArray[np.bool_]:
+    """Return the mask (h, w) of pixels at full scale in any channel.
+
+    Full scale is that of the type, or of 10, 12 or 14 bits where a 16-bit picture tops out exactly there.
+    """
+    top = int(image.max())
+    full = int(np.iinfo(image.dtype).max)
+    if image.dtype == np.uint16 and top in [2**bits - 1 for bits in _SENSOR_BITS]:
+        full = top
+    at_top = image >= full
+    return at_top if image.ndim == 2 else at_top.any(axis=2)
+
+
+def noise_level(image: Float32s) -> float:
+    """Return the noise of a grey picture, 1 sigma in grey levels, not below that of rounding.
+
+    The median of a second difference along both axes, blind to edges as long as most of the picture is smooth.
+    Source: Immerkaer, Fast noise variance estimation (1996), with a median in place of the mean.
+    """
+    rows = image[:-2] - 2 * image[1:-1] + image[2:]
+    both = rows[:, :-2] - 2 * rows[:, 1:-1] + rows[:, 2:]
+    return max(float(np.median(np.abs(both))) * 1.4826 / 6, _QUANTISATION) if both.size else _QUANTISATION
+
+
+def collect(
+    mask: npt.NDArray[np.bool_],
+    projector_xy: Float32s,
+    sigma: Float32s,
+    confidence: Float32s,
+    lit: Image,
+) -> Correspondences:
+    """Return one correspondence for each pixel of mask (h, w), at the pixel's centre.
+
+    projector_xy, sigma (h, w, 2) px; confidence (h, w); lit (h, w) or (h, w, 3): where the colours come from.
+    """
+    rows, cols = np.nonzero(mask)
+    camera_xy = np.stack([cols, rows], axis=1).astype(np.float32)
+    return Correspondences(camera_xy, projector_xy[mask], sigma[mask], confidence[mask], colors_at(lit, camera_xy))
+
+
+def colors_at(lit: Image, camera_xy: Float32s) -> Float32s:
+    """Return the colours (m, 3), 0 to 1 of the picture's brightest level, at the pixels nearest to camera_xy (m, 2)."""
+    height, width = lit.shape[:2]
+    cols, rows = np.rint(camera_xy).astype(np.intp).T
+    found = lit[np.clip(rows, 0, height - 1), np.clip(cols, 0, width - 1)].astype(np.float32)
+    found = found / np.float32(max(int(lit.max()), 1))
+    return np.repeat(found[:, None], 3, axis=1) if lit.ndim == 2 else found
