@@ -1,0 +1,1 @@
+"""Calibrators: from captures of boards to a rig; reached by name through `slkit.registry`."""

@@ -1,0 +1,151 @@
+"""The local-homography method: coded light on a printed checkerboard.
+
+Source: Moreno and Taubin, Simple, accurate, and robust projector-camera calibration (2012): around every printed
+corner a homography from camera to projector pixels carries the corner over.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from slkit.calibration import solve
+from slkit.calibration._results import calibration
+from slkit.calibration.detect import Corners, find_checkerboard, spacing_of, to_8bit
+from slkit.data import BoardView, Calibration, Capture, Correspondences
+from slkit.errors import CalibrationError, InputError
+from slkit.geometry import Rig, as_size
+from slkit.targets import Checkerboard
+
+_FEWEST_PIXELS = 30
+_FEWEST_CORNERS = 12
+_OUTLIER_SIGMAS = 4.0
+
+
+@dataclass(frozen=True)
+class LocalHomography:
+    """Calibrate from a printed checkerboard under coded light, camera and projector refined together.
+
+    projector: size (w, h) px; printed: the checkerboard; window: half side of the neighbourhood whose decoded pixels
+    carry a corner over, in squares of the board; camera_distortion, projector_distortion: the coefficients of
+    k1 k2 p1 p2 k3 that are estimated, the others are 0. Errors: InputError for values that cannot be.
+    """
+
+    projector: tuple[int, int]
+    printed: Checkerboard
+    window: float = 0.5
+    camera_distortion: tuple[str, ...] = solve.DEFAULT_DISTORTION
+    projector_distortion: tuple[str, ...] = solve.DEFAULT_DISTORTION
+
+    def __post_init__(self) -> None:
+        as_size(self.projector, "projector")
+        solve.check_distortion(self.camera_distortion, "camera_distortion")
+        solve.check_distortion(self.projector_distortion, "projector_distortion")
+        if not 0.1 <= self.window <= 2:
+            raise InputError(f"window must lie between 0.1 and 2 squares, not {self.window}")
+
+    def observe(self, captures: Sequence[Capture]) -> list[BoardView]:
+        """Return one view a capture: printed corners with the projector pixels that light them.
+
+        A capture without a board, or whose code is silent around most corners, becomes a view that says so.
+        """
+        return [self._observe(capture) for capture in captures]
+
+    def solve(self, views: Sequence[BoardView]) -> Calibration:
+        """Return the rig that fits all printed corners in camera and projector best, both weighted alike.
+
+        Errors: CalibrationError for fewer than two usable views, or views that do not determine the rig.
+        """
+        used = [v for v in views if v.problem is None]
+        if len(used) < 2:
+            raise CalibrationError(f"{len(used)} usable views of the board, but at least two are needed")
+        fit = solve.calibrate_camera(used, used[0].image_size, self.camera_distortion)
+        points = [solve.points_of(fit.camera, p, v)[v.projected] for p, v in zip(fit.poses, used, strict=True)]
+        pixels = [v.projector_xy[v.projected] for v in used]
+        start = solve.solve_projector(
+            np.concatenate(points), np.concatenate(pixels), self.projector, self.projector_distortion
+        )
+        rough = Rig(fit.camera, start.projector, start.projector_from_camera)
+        refined = solve.refine(rough, fit.poses, used, self.camera_distortion, self.projector_distortion)
+
+        boards = [v.board_xy[v.projected] for v in used]
+        alone = solve.calibrate_alone(boards, pixels, refined.rig.projector, self.projector_distortion)
+        camera_alone = [solve.residuals_of(rough, p, v)[0] for p, v in zip(fit.poses, used, strict=True)]
+        own = {v.name: pair for v, *pair in zip(used, camera_alone, alone, strict=True)}
+        joint = {v.name: solve.residuals_of(refined.rig, p, v) for p, v in zip(refined.poses, used, strict=True)}
+        residuals = {name: (camera, projector) for name, (camera, projector) in own.items()}
+        return calibration(
+            "local-homography", refined.rig, views, residuals, joint, refined.parameters, refined.covariance
+        )
+
+    def _observe(self, capture: Capture) -> BoardView:
+        if capture.lit is None or capture.correspondences is None:
+            return BoardView.unusable(capture.name, (1, 1), "it holds no decoded light")
+        size = capture.lit.shape[1], capture.lit.shape[0]
+        nx, ny = self.printed.corners
+        found = find_checkerboard(to_8bit(capture.lit), (nx, ny))
+        if found is None:
+            problem = f"no printed checkerboard with {nx} x {ny} inner corners was found"
+            return BoardView.unusable(capture.name, size, problem)
+        camera_xy = found.reshape(-1, 2)
+        projector_xy, sigma = transfer(found, capture.correspondences, self.window)
+        seen = np.isfinite(camera_xy).all(axis=1)
+        lit = int(np.isfinite(projector_xy[seen]).all(axis=1).sum())
+        if lit < _FEWEST_CORNERS:
+            problem = f"the code was read around {lit} of {nx * ny} corners only: light the whole board"
+            return BoardView.unusable(capture.name, size, problem)
+        notes = (f"the code was read around {lit} of {nx * ny} corners",) if lit < nx * ny else ()
+        board_xy = self.printed.points()
+        return BoardView(
+            capture.name, size, board_xy[seen], camera_xy[seen], projector_xy[seen], sigma[seen], notes=notes
+        )
+
+
+def transfer(
+    corners: Corners, correspondences: Correspondences, window: float
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Return the projector pixels (n, 2) of camera corners (ny, nx, 2) px and their sigma (n, 2) px.
+
+    window: half side of the neighbourhood in squares. NaN where too few pixels around a corner carry both codes.
+    Source: Moreno and Taubin (2012), section 4.
+    """
+    coded = np.isfinite(correspondences.projector_xy).all(axis=1)
+    camera_xy = correspondences.camera_xy[coded].astype(np.float64)
+    projector_xy = correspondences.projector_xy[coded].astype(np.float64)
+    sigma = correspondences.sigma[coded].astype(np.float64)
+    order = np.argsort(camera_xy[:, 1], kind="stable")
+    camera_xy, projector_xy, sigma = camera_xy[order], projector_xy[order], sigma[order]
+    halves = window * spacing_of(corners).ravel()
+    found = np.full((len(halves), 2), np.nan)
+    spread = np.full((len(halves), 2), np.nan)
+    for i, (corner, half) in enumerate(zip(corners.reshape(-1, 2), halves, strict=True)):
+        if np.isnan(corner).any() or not np.isfinite(half):
+            continue
+        first, last = np.searchsorted(camera_xy[:, 1], [corner[1] - half, corner[1] + half])
+        near = first + np.flatnonzero(np.abs(camera_xy[first:last, 0] - corner[0]) <= half)
+        if len(near) >= _FEWEST_PIXELS:
+            found[i], spread[i] = _carry(corner, camera_xy[near], projector_xy[near], sigma[near])
+    return found, spread
+
+
+def _carry(
+    corner: npt.NDArray[np.float64],
+    camera_xy: npt.NDArray[np.float64],
+    projector_xy: npt.NDArray[np.float64],
+    sigma: npt.NDArray[np.float64],
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Return the projector pixel (2,) of a corner and its sigma (2,) by a homography that leaves out outliers."""
+    nothing = np.full(2, np.nan)
+    threshold = _OUTLIER_SIGMAS * float(np.median(np.linalg.norm(sigma, axis=1)))
+    local = camera_xy - corner
+    matrix, inliers = cv2.findHomography(local, projector_xy, cv2.RANSAC, max(threshold, 0.1))
+    if matrix is None or inliers.sum() < max(_FEWEST_PIXELS, len(local) // 2):
+        return nothing, nothing
+    kept = inliers.ravel().astype(bool)
+    predicted = cv2.perspectiveTransform(local[kept][None], matrix)[0]
+    error = np.sqrt(((predicted - projector_xy[kept]) ** 2).mean(axis=0))
+    return cv2.perspectiveTransform(np.zeros((1, 1, 2)), matrix)[0, 0], error / np.sqrt(kept.sum())

@@ -1,0 +1,155 @@
+"""The planar method: a two-sided board, printed for the camera, white with corner marks for the projector.
+
+Source: Fernandez and Salvi, Planar-based camera-projector calibration (2011). Their equation (6) maps an image point
+to the camera frame by a 3 x 3 homography, which carries no depth; the viewing ray is intersected with the board
+instead, which is what the equation stands for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from slkit.calibration import solve
+from slkit.calibration._results import calibration
+from slkit.calibration.detect import find_checkerboard, find_projected, to_8bit
+from slkit.calibration.marks import find_marks
+from slkit.data import BoardView, Calibration, Capture, Image, describe_image
+from slkit.errors import CalibrationError
+from slkit.geometry import Pinhole, Pose, Rig, as_size
+from slkit.targets import Checkerboard, CornerMarks, ProjectedCheckerboard
+
+_AMBIGUOUS = 2.0
+"""A board pose whose mirror solution fits less than this many times worse is reported."""
+
+
+@dataclass(frozen=True)
+class Planar:
+    """Calibrate by the paper's method.
+
+    projector: size (w, h) px; printed: side A; marks: side B; projected: the checkerboard in the projector image.
+    camera_distortion, projector_distortion: the coefficients of k1 k2 p1 p2 k3 that are estimated, the others are 0.
+    Errors: InputError for a projector size or a coefficient that cannot be.
+    """
+
+    projector: tuple[int, int]
+    printed: Checkerboard
+    marks: CornerMarks
+    projected: ProjectedCheckerboard
+    camera_distortion: tuple[str, ...] = solve.DEFAULT_DISTORTION
+    projector_distortion: tuple[str, ...] = solve.DEFAULT_DISTORTION
+
+    def __post_init__(self) -> None:
+        as_size(self.projector, "projector")
+        solve.check_distortion(self.camera_distortion, "camera_distortion")
+        solve.check_distortion(self.projector_distortion, "projector_distortion")
+
+    def observe(self, captures: Sequence[Capture]) -> list[BoardView]:
+        """Return one view a capture: printed corners of side A, or marks and projected corners of side B.
+
+        A picture in which nothing is found, or of another size than the first, becomes a view that says so.
+        """
+        sizes = [_size(picture) for c in captures if (picture := _picture(c)) is not None]
+        return [self._observe(c, sizes[0] if sizes else (1, 1)) for c in captures]
+
+    def solve(self, views: Sequence[BoardView]) -> Calibration:
+        """Return the rig: camera by Zhang's method, board poses from the marks, projector from all points at once.
+
+        Errors: CalibrationError for fewer than two views of a side, or views that do not determine the rig.
+        """
+        usable = [v for v in views if v.problem is None]
+        printed = [v for v in usable if not v.projected.any()]
+        white = [v for v in usable if v.projected.any()]
+        for found, side in ((printed, "side A (printed checkerboard)"), (white, "side B (marks and projection)")):
+            if len(found) < 2:
+                raise CalibrationError(f"{len(found)} usable views of {side}, but at least two are needed")
+        fit = solve.calibrate_camera(printed, printed[0].image_size, self.camera_distortion)
+        placed = [_placed(fit.camera, v) for v in white]
+        white = [v for v, _ in placed]
+        poses = {v.name: pose for v, pose in placed}
+        points = {v.name: solve.points_of(fit.camera, poses[v.name], v) for v in white}
+        xyz = np.concatenate([points[v.name][v.projected] for v in white])
+        pixels = np.concatenate([v.projector_xy[v.projected] for v in white])
+        projector = solve.solve_projector(xyz, pixels, self.projector, self.projector_distortion)
+        rig = Rig(fit.camera, projector.projector, projector.projector_from_camera)
+
+        joint = {v.name: solve.residuals_of(rig, p, v) for v, p in zip(printed, fit.poses, strict=True)}
+        joint |= {v.name: solve.residuals_of(rig, poses[v.name], v) for v in white}
+        boards = [poses[v.name].inverse().apply(points[v.name][v.projected])[:, :2] for v in white]
+        alone = solve.calibrate_alone(
+            boards, [v.projector_xy[v.projected] for v in white], rig.projector, self.projector_distortion
+        )
+        own = dict(joint) | {v.name: (joint[v.name][0], r) for v, r in zip(white, alone, strict=True)}
+        covariance = np.zeros((len(fit.covariance) + len(projector.covariance),) * 2)
+        covariance[: len(fit.covariance), : len(fit.covariance)] = fit.covariance
+        covariance[len(fit.covariance) :, len(fit.covariance) :] = projector.covariance
+        noted = {v.name: v for v in white}
+        shown = [noted.get(v.name, v) for v in views]
+        return calibration("planar", rig, shown, own, joint, (*fit.parameters, *projector.parameters), covariance)
+
+    def _observe(self, capture: Capture, size: tuple[int, int]) -> BoardView:
+        pictures = (capture.printed, capture.marks, capture.projected)
+        for picture in pictures:
+            if picture is not None and _size(picture) != size:
+                problem = f"its picture is {describe_image(picture)}, the first is {size[0]} x {size[1]} px"
+                return BoardView.unusable(capture.name, size, problem)
+        if capture.printed is not None:
+            return self._observe_printed(capture.name, capture.printed)
+        if capture.marks is None or capture.projected is None:
+            return BoardView.unusable(
+                capture.name, size, "side B needs a picture under white light and one of the pattern"
+            )
+        return self._observe_marks(capture.name, capture.marks, capture.projected)
+
+    def _observe_printed(self, name: str, picture: Image) -> BoardView:
+        found = find_checkerboard(to_8bit(picture), self.printed.corners)
+        if found is None:
+            nx, ny = self.printed.corners
+            problem = f"no printed checkerboard with {nx} x {ny} inner corners was found"
+            return BoardView.unusable(name, _size(picture), problem)
+        camera_xy = found.reshape(-1, 2)
+        seen = np.isfinite(camera_xy).all(axis=1)
+        silent = np.full((int(seen.sum()), 2), np.nan)
+        return BoardView(name, _size(picture), self.printed.points()[seen], camera_xy[seen], silent, silent)
+
+    def _observe_marks(self, name: str, white: Image, pattern: Image) -> BoardView:
+        size = _size(white)
+        marks = find_marks(to_8bit(white), self.marks)
+        if marks is None:
+            count = len(self.marks.xy_mm)
+            return BoardView.unusable(name, size, f"the {count} corner marks were not found on the white side")
+        found = find_projected(pattern, white, self.projected)
+        if isinstance(found, str):
+            return BoardView.unusable(name, size, found)
+        corners, notes = found
+        camera_xy = corners.reshape(-1, 2)
+        seen = np.isfinite(camera_xy).all(axis=1)
+        count, projected = len(marks), int(seen.sum())
+        silent, exact = np.full((count, 2), np.nan), np.zeros((projected, 2))
+        return BoardView(
+            name,
+            size,
+            np.concatenate([self.marks.points(), np.full((projected, 2), np.nan)]),
+            np.concatenate([marks, camera_xy[seen]]),
+            np.concatenate([silent, self.projected.points()[seen]]),
+            np.concatenate([silent, exact]),
+            notes=notes,
+        )
+
+
+def _placed(camera: Pinhole, view: BoardView) -> tuple[BoardView, Pose]:
+    pose, _, ratio = solve.board_pose(camera, view.board_xy[view.printed], view.camera_xy[view.printed])
+    if ratio < _AMBIGUOUS:
+        note = f"its pose is ambiguous (the mirrored one fits only {ratio:.1f} times worse): tilt the board more"
+        view = replace(view, notes=(*view.notes, note))
+    return view, pose
+
+
+def _picture(capture: Capture) -> Image | None:
+    return capture.printed if capture.printed is not None else capture.marks
+
+
+def _size(picture: Image) -> tuple[int, int]:
+    return picture.shape[1], picture.shape[0]

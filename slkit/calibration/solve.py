@@ -1,0 +1,385 @@
+"""From board views to lenses and poses: Zhang's camera, the projector's DLT, and least squares over both.
+
+Angles and lengths of a pose are refined as a small motion in front of it, so that no rotation is singular.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from slkit.data import BoardView
+from slkit.errors import CalibrationError, InputError
+from slkit.geometry import Pinhole, Pose, Rig, as_size, homogeneous, intersect_plane
+
+Array = npt.NDArray[np.float64]
+DISTORTION_NAMES = ("k1", "k2", "p1", "p2", "k3")
+DEFAULT_DISTORTION = ("k1", "k2", "p1", "p2")
+_CRITERIA = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 200, 1e-9)
+
+
+@dataclass(frozen=True, eq=False)
+class ProjectorFit:
+    """A projector located from points in the camera frame.
+
+    residual_xy (m, 2): projected minus known projector px; covariance (p, p) of `parameters`, 1 sigma squared.
+    """
+
+    projector: Pinhole
+    projector_from_camera: Pose
+    residual_xy: Array
+    parameters: tuple[str, ...]
+    covariance: Array
+
+    @property
+    def rms(self) -> float:
+        """Reprojection error, sqrt(mean(dx^2 + dy^2)) in px."""
+        return rms(self.residual_xy)
+
+
+@dataclass(frozen=True, eq=False)
+class CameraFit:
+    """A camera calibrated from printed boards.
+
+    poses: camera_from_board, one a view; covariance (p, p) of `parameters`, 1 sigma squared.
+    """
+
+    camera: Pinhole
+    poses: tuple[Pose, ...]
+    parameters: tuple[str, ...]
+    covariance: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Refined:
+    """The result of `refine`: the rig, one pose camera_from_board a view, and the covariance of the named values."""
+
+    rig: Rig
+    poses: tuple[Pose, ...]
+    parameters: tuple[str, ...]
+    covariance: Array
+
+
+def rms(residual_xy: Array) -> float:
+    """Return sqrt(mean(dx^2 + dy^2)) of residuals (m, 2) px, NaN without residuals."""
+    return float(np.sqrt((residual_xy**2).sum(axis=1).mean())) if len(residual_xy) else float("nan")
+
+
+def check_distortion(free: Sequence[str], name: str) -> None:
+    """Refuse unknown distortion coefficients. Errors: InputError naming the field `name`."""
+    for coefficient in free:
+        if coefficient not in DISTORTION_NAMES:
+            raise InputError(
+                f"{name}: there is no coefficient {coefficient!r}; there are {', '.join(DISTORTION_NAMES)}"
+            )
+
+
+def calibrate_camera(
+    views: Sequence[BoardView], size: tuple[int, int], free: Sequence[str] = DEFAULT_DISTORTION
+) -> CameraFit:
+    """Return the camera, with one pose camera_from_board a view, from the printed points of the views.
+
+    size (w, h) px; free: the distortion coefficients that are estimated, the others stay 0.
+    Errors: CalibrationError where OpenCV finds no camera. Source: Zhang (2000), as in cv2.calibrateCamera.
+    """
+    from scipy.optimize import least_squares
+
+    objects = [homogeneous_zero(v.board_xy[v.printed]) for v in views]
+    images = [v.camera_xy[v.printed] for v in views]
+    try:
+        _, matrix, distortion, turns, shifts = cv2.calibrateCamera(
+            objects,
+            [image.astype(np.float32) for image in images],
+            size,
+            np.eye(3),
+            np.zeros(5),
+            flags=_fixed_flags(free),
+            criteria=_CRITERIA,
+        )
+    except cv2.error as error:
+        raise CalibrationError(f"the camera cannot be calibrated from these {len(views)} views: {error.err}") from error
+    device = _Device("camera", Pinhole(size, matrix, np.ravel(distortion)[:5]), free)
+    poses = [Pose.from_rotation_vector(np.ravel(r), np.ravel(t)) for r, t in zip(turns, shifts, strict=True)]
+
+    def split(values: Array) -> tuple[Pinhole, list[Pose]]:
+        lens, *motions = np.split(values, np.arange(len(device.values), len(values), 6))
+        return device.at(lens), [_moved(p, m) for p, m in zip(poses, motions, strict=True)]
+
+    def residuals(values: Array) -> Array:
+        lens, placed = split(values)
+        found = [lens.project(p.apply(o)) - i for p, o, i in zip(placed, objects, images, strict=True)]
+        return np.nan_to_num(np.concatenate(found), nan=1e6).ravel()
+
+    # OpenCV stops at its minimum without the covariance; a step from there gives the Jacobian and polishes the rest.
+    x0 = np.concatenate([device.values, np.zeros(6 * len(poses))])
+    scale = np.concatenate([device.scale, *(_pose_scale(p) for p in poses)])
+    found = least_squares(residuals, x0, x_scale=scale, method="trf", xtol=1e-12, ftol=1e-10, max_nfev=10)
+    camera, placed = split(found.x)
+    count = len(device.names)
+    return CameraFit(camera, tuple(placed), device.names, _covariance(found.jac, found.fun)[:count, :count])
+
+
+def calibrate_alone(
+    boards: Sequence[Array], pixels: Sequence[Array], start: Pinhole, free: Sequence[str]
+) -> list[Array]:
+    """Return the residuals (n, 2) px a view of a device calibrated by itself, each view with its own pose.
+
+    boards: (n, 2) mm in the board's plane; pixels: (n, 2) px; start: a first guess, whose principal point may lie
+    outside the image.
+    """
+    # OpenCV refuses a principal point outside the image; shifting all pixels alike changes nothing but that test.
+    margin = 4 * max(start.size) + int(np.abs(start.K[:2, 2]).max())
+    matrix = np.array(start.K)
+    matrix[0, 1] = 0
+    matrix[:2, 2] += margin
+    size = (start.size[0] + 2 * margin, start.size[1] + 2 * margin)
+    objects = [homogeneous_zero(b) for b in boards]
+    images = [(p + margin).astype(np.float32) for p in pixels]
+    _, matrix, distortion, turns, shifts = cv2.calibrateCamera(
+        objects,
+        images,
+        size,
+        matrix,
+        np.array(start.distortion),
+        flags=_fixed_flags(free) | cv2.CALIB_USE_INTRINSIC_GUESS,
+        criteria=_CRITERIA,
+    )
+    found = [cv2.projectPoints(o, r, t, matrix, distortion)[0] for o, r, t in zip(objects, turns, shifts, strict=True)]
+    return [f.reshape(-1, 2) - (p + margin) for f, p in zip(found, pixels, strict=True)]
+
+
+def board_pose(camera: Pinhole, board_xy: Array, camera_xy: Array) -> tuple[Pose, float, float]:
+    """Return the pose camera_from_board, its residual rms in px, and how many times worse the other solution fits.
+
+    board_xy (n, 2) mm, camera_xy (n, 2) px, n >= 4. Both solutions of the planar problem are refined by least squares
+    on the pixels and the better one is kept. Errors: CalibrationError where there is none.
+    Source: Collins and Bartoli, IPPE (2014), as in cv2.solvePnPGeneric; Fernandez and Salvi (2011), section III-B.
+    """
+    points = homogeneous_zero(board_xy).astype(np.float64)
+    undistorted = camera.normalize(camera_xy)
+    found, turns, shifts, _ = cv2.solvePnPGeneric(points, undistorted, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE)
+    solutions: list[tuple[float, Pose]] = []
+    for turn, shift in zip(turns, shifts, strict=True) if found else ():
+        pose = _refine_pose(camera, points, camera_xy, Pose.from_rotation_vector(np.ravel(turn), np.ravel(shift)))
+        if (pose.apply(points)[:, 2] > 0).all():
+            solutions.append((rms(camera.project(pose.apply(points)) - camera_xy), pose))
+    if not solutions:
+        raise CalibrationError("no pose explains the marks: is their order TL TR BR BL, and are xy_mm right?")
+    solutions.sort(key=lambda s: s[0])
+    ratio = solutions[1][0] / max(solutions[0][0], 1e-6) if len(solutions) > 1 else np.inf
+    return solutions[0][1], solutions[0][0], ratio
+
+
+def _refine_pose(camera: Pinhole, points: Array, camera_xy: Array, start: Pose) -> Pose:
+    from scipy.optimize import least_squares
+
+    def residuals(motion: Array) -> Array:
+        return np.nan_to_num(camera.project(_moved(start, motion).apply(points)) - camera_xy, nan=1e6).ravel()
+
+    return _moved(start, least_squares(residuals, np.zeros(6), x_scale=_pose_scale(start), method="lm").x)
+
+
+def solve_projector(
+    camera_xyz: npt.ArrayLike,
+    projector_xy: npt.ArrayLike,
+    size: tuple[int, int],
+    distortion: Sequence[str] = ("k1", "k2"),
+) -> ProjectorFit:
+    """Return the projector that lights points of the camera frame, with one shared rotation and translation.
+
+    camera_xyz (m, 3) mm and projector_xy (m, 2) px, or both with leading axes such as (views, corners, .); rows with
+    NaN are left out. size (w, h) px. distortion: the coefficients that are estimated. The principal point is free and
+    may lie outside the image. Errors: InputError for wrong shapes; CalibrationError for fewer than eight points or
+    points in one plane. Source: Fernandez and Salvi (2011), section III-E; DLT and RQ, then Levenberg-Marquardt.
+    """
+    from scipy.optimize import least_squares
+
+    check_distortion(distortion, "distortion")
+    size = as_size(size, "size")
+    xyz = np.asarray(camera_xyz, dtype=np.float64).reshape(-1, 3)
+    pixels = np.asarray(projector_xy, dtype=np.float64).reshape(-1, 2)
+    if len(xyz) != len(pixels):
+        raise InputError(f"camera_xyz has {len(xyz)} points, but projector_xy has {len(pixels)}")
+    known = np.isfinite(xyz).all(axis=1) & np.isfinite(pixels).all(axis=1)
+    start = linear_projector(xyz[known], pixels[known], size)
+    device = _Device("projector", start.projector, tuple(distortion))
+    pose = start.projector_from_camera
+    scale = np.concatenate([device.scale, _pose_scale(pose)])
+
+    def split(values: Array) -> tuple[Pinhole, Pose]:
+        return device.at(values[:-6]), _moved(pose, values[-6:])
+
+    def residuals(values: Array) -> Array:
+        lens, moved = split(values)
+        return np.nan_to_num(lens.project(moved.apply(xyz[known])) - pixels[known], nan=1e6).ravel()
+
+    x0 = np.concatenate([device.values, np.zeros(6)])
+    found = least_squares(residuals, x0, x_scale=scale, method="lm", xtol=1e-12, ftol=1e-12)
+    lens, moved = split(found.x)
+    residual = np.full(pixels.shape, np.nan)
+    residual[known] = found.fun.reshape(-1, 2)
+    covariance = _covariance(found.jac, found.fun)
+    return ProjectorFit(
+        lens, moved, residual[known], (*device.names, *_pose_names("projector_from_camera")), covariance
+    )
+
+
+def linear_projector(xyz: Array, pixels: Array, size: tuple[int, int]) -> ProjectorFit:
+    """Return the distortion-free projector by the direct linear transform, skew dropped, principal point anywhere.
+
+    xyz (m, 3) mm, pixels (m, 2) px. Errors: CalibrationError for fewer than eight points or points in one plane.
+    """
+    if len(xyz) < 8:
+        raise CalibrationError(f"the projector needs at least eight points, not {len(xyz)}")
+    spread = np.linalg.svd(xyz - xyz.mean(axis=0), compute_uv=False)
+    if spread[2] < 1e-3 * spread[0]:
+        raise CalibrationError("all points lie in one plane: take views of the board at several depths and tilts")
+    to_unit, to_unit_px = _normalization(xyz), _normalization(pixels)
+    X = homogeneous(xyz) @ to_unit.T
+    p = homogeneous(pixels) @ to_unit_px.T
+    zero = np.zeros_like(X)
+    rows = np.concatenate([np.hstack([X, zero, -p[:, :1] * X]), np.hstack([zero, X, -p[:, 1:2] * X])], axis=0)
+    camera_matrix = np.linalg.svd(rows, full_matrices=False)[2][-1].reshape(3, 4)
+    camera_matrix = np.linalg.inv(to_unit_px) @ camera_matrix @ to_unit
+    # Points in front of the projector have a positive third coordinate; the transform leaves the sign open.
+    if np.median(homogeneous(xyz) @ camera_matrix[2]) < 0:
+        camera_matrix = -camera_matrix
+    from scipy.linalg import rq
+
+    K, R = rq(camera_matrix[:, :3])
+    signs = np.sign(np.diag(K))
+    K, R = K * signs, signs[:, None] * R
+    if np.linalg.det(R) < 0:
+        raise CalibrationError("the points and their projector pixels are mirrored: is the pattern projected mirrored?")
+    translation = np.linalg.solve(K, camera_matrix[:, 3])
+    K = K / K[2, 2]
+    K[0, 1] = 0
+    K[[1, 2, 2], [0, 0, 1]] = 0
+    projector, pose = Pinhole(size, K, np.zeros(5)), Pose(R, translation)
+    residual = projector.project(pose.apply(xyz)) - pixels
+    return ProjectorFit(projector, pose, residual, (), np.empty((0, 0)))
+
+
+def refine(
+    rig: Rig,
+    poses: Sequence[Pose],
+    views: Sequence[BoardView],
+    camera_free: Sequence[str],
+    projector_free: Sequence[str],
+) -> Refined:
+    """Return camera, projector, their pose and all board poses refined together on all residuals of the views.
+
+    poses: camera_from_board, one a view. The residuals are those of `residuals_of`, in px, unweighted: what
+    cv2.stereoCalibrate minimises, with the principal points free to leave the images.
+    """
+    from scipy.optimize import least_squares
+
+    camera, projector = _Device("camera", rig.camera, camera_free), _Device("projector", rig.projector, projector_free)
+    widths = np.cumsum([len(camera.values), len(projector.values), 6] + [6] * len(poses))
+
+    def split(values: Array) -> tuple[Rig, list[Pose]]:
+        parts = np.split(values, widths[:-1])
+        moved = Rig(camera.at(parts[0]), projector.at(parts[1]), _moved(rig.projector_from_camera, parts[2]))
+        return moved, [_moved(pose, motion) for pose, motion in zip(poses, parts[3:], strict=True)]
+
+    def residuals(values: Array) -> Array:
+        moved, placed = split(values)
+        pairs = [residuals_of(moved, pose, view) for pose, view in zip(placed, views, strict=True)]
+        return np.nan_to_num(np.concatenate([r.ravel() for pair in pairs for r in pair]), nan=1e6)
+
+    x0 = np.concatenate([camera.values, projector.values, np.zeros(6 + 6 * len(poses))])
+    motions = [_pose_scale(p) for p in (rig.projector_from_camera, *poses)]
+    scale = np.concatenate([camera.scale, projector.scale, *motions])
+    found = least_squares(residuals, x0, x_scale=scale, method="trf", xtol=1e-12, ftol=1e-10)
+    refined, placed = split(found.x)
+    names = (*camera.names, *projector.names, *_pose_names("projector_from_camera"))
+    covariance = _covariance(found.jac, found.fun)[: len(names), : len(names)]
+    return Refined(refined, tuple(placed), names, covariance)
+
+
+def residuals_of(rig: Rig, pose: Pose, view: BoardView) -> tuple[Array, Array]:
+    """Return camera residuals (n, 2) px of the printed rows and projector residuals (m, 2) px of the projected rows.
+
+    pose: camera_from_board, shared by both devices. A projected row that is not printed lies where its camera ray
+    meets the board.
+    """
+    printed, projected = view.printed, view.projected
+    camera = rig.camera.project(pose.apply(homogeneous_zero(view.board_xy[printed]))) - view.camera_xy[printed]
+    xyz = points_of(rig.camera, pose, view)[projected]
+    return camera, rig.to_projector(xyz) - view.projector_xy[projected]
+
+
+def points_of(camera: Pinhole, pose: Pose, view: BoardView) -> Array:
+    """Return the camera-frame points (n, 3) mm of a view's rows: on the board where printed, else by their ray."""
+    normal = pose.rotation[:, 2]
+    by_ray = intersect_plane(homogeneous(camera.normalize(view.camera_xy)), normal, float(normal @ pose.translation))
+    printed = view.printed
+    by_ray[printed] = pose.apply(homogeneous_zero(view.board_xy[printed]))
+    return by_ray
+
+
+def homogeneous_zero(xy: Array) -> npt.NDArray[np.float32]:
+    """Return board points (n, 2) mm as (n, 3) with z = 0, float32 as OpenCV wants them."""
+    return np.pad(xy, ((0, 0), (0, 1))).astype(np.float32)
+
+
+class _Device:
+    """The free parameters of a pinhole: focal lengths, principal point and the chosen distortion coefficients."""
+
+    def __init__(self, name: str, start: Pinhole, free: Sequence[str]) -> None:
+        self._start = start
+        self._free = [i for i, n in enumerate(DISTORTION_NAMES) if n in free]
+        self.names = tuple(f"{name}.{p}" for p in ("fx", "fy", "cx", "cy", *(DISTORTION_NAMES[i] for i in self._free)))
+        K = start.K
+        self.values = np.array([K[0, 0], K[1, 1], K[0, 2], K[1, 2], *start.distortion[self._free]])
+        self.scale = np.array([K[0, 0], K[1, 1], K[0, 0], K[1, 1], *([1.0] * len(self._free))])
+
+    def at(self, values: Array) -> Pinhole:
+        K = np.array(self._start.K)
+        K[0, 0], K[1, 1], K[0, 2], K[1, 2] = np.maximum(values[0], 1e-3), np.maximum(values[1], 1e-3), *values[2:4]
+        distortion = np.array(self._start.distortion)
+        distortion[self._free] = values[4:]
+        return replace(self._start, K=K, distortion=distortion)
+
+
+def _moved(pose: Pose, motion: Array) -> Pose:
+    turn = Pose.from_rotation_vector(motion[:3], np.zeros(3)).rotation
+    return Pose(turn @ pose.rotation, pose.translation + motion[3:])
+
+
+def _pose_scale(pose: Pose) -> Array:
+    return np.array([1.0, 1.0, 1.0] + [max(float(np.linalg.norm(pose.translation)), 1e-3)] * 3)
+
+
+def _pose_names(name: str) -> tuple[str, ...]:
+    return tuple(f"{name}.{part}" for part in ("rx", "ry", "rz", "tx", "ty", "tz"))
+
+
+def _covariance(jacobian: Array, residuals: Array) -> Array:
+    """Return s^2 (J^T J)^-1 with s^2 = |r|^2 / (observations - parameters)."""
+    observations, parameters = jacobian.shape
+    if observations <= parameters:
+        return np.full((parameters, parameters), np.inf)
+    return float(residuals @ residuals) / (observations - parameters) * np.linalg.pinv(jacobian.T @ jacobian)
+
+
+def _fixed_flags(free: Sequence[str]) -> int:
+    flags = 0
+    for name, flag in (("k1", cv2.CALIB_FIX_K1), ("k2", cv2.CALIB_FIX_K2), ("k3", cv2.CALIB_FIX_K3)):
+        flags |= 0 if name in free else flag
+    return flags | (0 if "p1" in free else cv2.CALIB_ZERO_TANGENT_DIST)
+
+
+def _normalization(points: Array) -> Array:
+    """Return Hartley's similarity: centroid to the origin, mean distance sqrt(dimension)."""
+    dimension = points.shape[1]
+    center = points.mean(axis=0)
+    scale = np.sqrt(dimension) / np.linalg.norm(points - center, axis=1).mean()
+    matrix = np.eye(dimension + 1) * scale
+    matrix[:dimension, -1] = -scale * center
+    matrix[-1, -1] = 1
+    return matrix
