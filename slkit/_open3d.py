@@ -5,8 +5,6 @@ from functools import cache
 from types import ModuleType
 from typing import Any
 
-from slkit.errors import SlkitError
-
 
 @cache
 def load() -> Any:
@@ -15,16 +13,14 @@ def load() -> Any:
     Open3D links against libusb-1.0 for cameras that slkit does not use; the PyPI package `libusb-package`
     carries that library, so that no system package is needed.
 
-    Errors: SlkitError where Open3D cannot be imported.
+    Errors: ImportError where Open3D is not installed whole.
     """
     import libusb_package
 
     library: Any = libusb_package.get_library_path()
     if library is not None:
         ctypes.CDLL(str(library), mode=ctypes.RTLD_GLOBAL)
-    try:
-        import open3d
-    except ImportError as error:
-        raise SlkitError(f"Open3D cannot be imported ({error}): reinstall it with `pip install open3d`") from error
+    import open3d
+
     module: ModuleType = open3d
     return module

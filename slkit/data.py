@@ -16,7 +16,7 @@ from slkit import _open3d
 from slkit.errors import InputError
 from slkit.geometry import Rig
 
-Image = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
+Image = npt.NDArray[np.unsignedinteger[Any]]
 Float32s = npt.NDArray[np.float32]
 
 
@@ -123,8 +123,10 @@ class Correspondences:
         shape (h, w). A row is written to the camera pixel nearest to it.
         """
         result = np.full((*shape, 2), np.nan, dtype=np.float32)
-        cols, rows = np.rint(self.camera_xy).astype(np.intp).T
-        inside = (rows >= 0) & (rows < shape[0]) & (cols >= 0) & (cols < shape[1])
+        nearest = np.rint(self.camera_xy).astype(np.intp)
+        cols, rows = nearest[:, 0], nearest[:, 1]
+        within = (nearest >= 0) & (nearest < np.array(shape[::-1]))
+        inside: npt.NDArray[Any] = np.flatnonzero(within.all(axis=1))
         result[rows[inside], cols[inside]] = self.projector_xy[inside]
         return result
 
@@ -152,6 +154,11 @@ class PointCloud:
 
     def __len__(self) -> int:
         return len(self.xyz)
+
+    @property
+    def finite(self) -> npt.NDArray[np.bool_]:
+        """Mask (m,) of the points that exist: xyz is not NaN."""
+        return np.asarray(np.isfinite(self.xyz).all(axis=1))
 
     def select(self, keep: npt.NDArray[Any]) -> PointCloud:
         """Return the points named by a mask (m,) or by indices."""
@@ -222,12 +229,12 @@ class BoardView:
     @property
     def printed(self) -> npt.NDArray[np.bool_]:
         """Mask (n,) of the rows whose place on the board is known."""
-        return np.isfinite(self.board_xy).all(axis=1)
+        return np.asarray(np.isfinite(self.board_xy).all(axis=1))
 
     @property
     def projected(self) -> npt.NDArray[np.bool_]:
         """Mask (n,) of the rows whose projector pixel is known."""
-        return np.isfinite(self.projector_xy).all(axis=1)
+        return np.asarray(np.isfinite(self.projector_xy).all(axis=1))
 
 
 @dataclass(frozen=True)

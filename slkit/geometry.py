@@ -92,6 +92,11 @@ class Pose:
         scale = 2.0 if length < 1e-12 else 2 * np.arctan2(length, q[3]) / length
         return scale * q[:3]
 
+    @property
+    def angle_deg(self) -> float:
+        """The angle of the rotation in degrees, 0 to 180."""
+        return float(np.degrees(np.linalg.norm(self.rotation_vector)))
+
     def __matmul__(self, other: Pose) -> Pose:
         """Return the pose that applies `other` first: c_from_b @ b_from_a is c_from_a."""
         return Pose(self.rotation @ other.rotation, self.rotation @ other.translation + self.translation)
@@ -102,7 +107,7 @@ class Pose:
 
     def apply(self, xyz: npt.ArrayLike) -> npt.NDArray[np.float64]:
         """Move points (..., 3) in mm."""
-        return np.asarray(xyz, dtype=np.float64) @ self.rotation.T + self.translation
+        return np.asarray(np.asarray(xyz, dtype=np.float64) @ self.rotation.T + self.translation, dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +145,7 @@ class Pinhole:
     def from_normalized(self, xy: npt.ArrayLike) -> npt.NDArray[np.float64]:
         """Return the pixels (..., 2) of undistorted normalised coordinates (..., 2), unitless."""
         d = _distort(np.asarray(xy, dtype=np.float64), self.distortion)
-        return d @ self.K[:2, :2].T + self.K[:2, 2]
+        return np.asarray(d @ self.K[:2, :2].T + self.K[:2, 2], dtype=np.float64)
 
     def normalize(self, xy: npt.ArrayLike) -> npt.NDArray[np.float64]:
         """Return the undistorted normalised coordinates (..., 2), unitless, of pixels (..., 2).
@@ -165,6 +170,9 @@ class Pinhole:
                 if not np.nanmax(np.abs(error), initial=0) > _UNDISTORTION_TOLERANCE:
                     break
             wrong = np.abs(_distort(found, self.distortion) - target).max(axis=-1) > 1e-9
+            # Beyond the fold of the polynomial another point has the same image; no lens works there.
+            a, b, c, d = _distort_jacobian(found, self.distortion)
+            wrong = wrong | (a <= 0) | (a * d - b * c <= 0)
         found[wrong] = np.nan
         return found
 
@@ -192,7 +200,7 @@ class Rig:
     @property
     def projector_center(self) -> npt.NDArray[np.float64]:
         """The projector's centre in the camera frame, (3,) mm."""
-        return self.projector_from_camera.inverse().translation.copy()
+        return np.array(self.projector_from_camera.inverse().translation, dtype=np.float64)
 
     def to_projector(self, xyz: npt.ArrayLike) -> npt.NDArray[np.float64]:
         """Return the projector pixels (..., 2) that light camera-frame points (..., 3) in mm."""
@@ -262,7 +270,7 @@ def _distort(xy: npt.NDArray[np.float64], distortion: Floats) -> npt.NDArray[np.
     )
 
 
-def _distort_jacobian(xy: npt.NDArray[np.float64], distortion: Floats) -> tuple[npt.NDArray[np.float64], ...]:
+def _distort_jacobian(xy: npt.NDArray[np.float64], distortion: Floats) -> tuple[Any, Any, Any, Any]:
     k1, k2, p1, p2, k3 = distortion
     x, y = xy[..., 0], xy[..., 1]
     r2 = x * x + y * y

@@ -120,7 +120,7 @@ def _convert_union(value: Any, arguments: tuple[Any, ...], where: str) -> Any:
 def _convert_tuple(value: Any, arguments: tuple[Any, ...], where: str) -> tuple[Any, ...]:
     if not isinstance(value, list | tuple):
         raise InputError(f"{where} must be a list, not {value!r}")
-    items = typing.cast("list[Any]", list(typing.cast("tuple[Any, ...]", value)))
+    items = list(typing.cast("tuple[Any, ...]", value))
     if len(arguments) == 2 and arguments[1] is Ellipsis:
         arguments = (arguments[0],) * len(items)
     if len(items) != len(arguments):

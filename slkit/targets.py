@@ -7,7 +7,7 @@ reflectance is a continuous function of the place, so that every picture of a ta
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -24,6 +24,7 @@ ORIGIN_MARK_RADIUS = 0.22
 MINIMUM_SQUARES = (5, 4)
 
 
+@runtime_checkable
 class Target(Protocol):
     """A flat printed target: its points, its size, and its reflectance."""
 

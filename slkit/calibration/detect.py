@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import cv2
 import numpy as np
@@ -14,7 +15,7 @@ from slkit.targets import ORIGIN_MARK_RADIUS, ProjectedCheckerboard, grid
 Corners = npt.NDArray[np.float64]
 """Inner corners as they lie on the board, (ny, nx, 2) camera px; NaN for a corner that was not found."""
 
-_MISFIT = 0.06
+_MISFIT = 0.15
 """A corner further than this share of the local spacing from where its neighbours put it is not a corner."""
 _LOST_SHARE = 0.1
 """A board with a larger share of such corners was not found."""
@@ -77,7 +78,7 @@ def spacing_of(corners: Corners) -> npt.NDArray[np.float64]:
         np.pad(along_y, ((0, 1), (0, 0)), constant_values=pad),
         np.pad(along_y, ((1, 0), (0, 0)), constant_values=pad),
     )
-    return np.minimum.reduce(sides)
+    return np.fmin.reduce(sides)
 
 
 def _misfit(corners: Corners) -> npt.NDArray[np.float64]:
@@ -90,6 +91,7 @@ def _misfit(corners: Corners) -> npt.NDArray[np.float64]:
         for col in range(nx):
             block = (slice(max(row - 2, 0), row + 3), slice(max(col - 2, 0), col + 3))
             around = (places[block] != places[row, col]).any(axis=2)
+            matrix: Any
             matrix, _ = cv2.findHomography(places[block][around], corners[block][around], cv2.LMEDS)
             if matrix is not None:
                 predicted = cv2.perspectiveTransform(places[row, col].reshape(1, 1, 2), matrix)[0, 0]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -142,6 +143,7 @@ def _carry(
     nothing = np.full(2, np.nan)
     threshold = _OUTLIER_SIGMAS * float(np.median(np.linalg.norm(sigma, axis=1)))
     local = camera_xy - corner
+    matrix: Any
     matrix, inliers = cv2.findHomography(local, projector_xy, cv2.RANSAC, max(threshold, 0.1))
     if matrix is None or inliers.sum() < max(_FEWEST_PIXELS, len(local) // 2):
         return nothing, nothing

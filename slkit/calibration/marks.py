@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import combinations
+from typing import Any
 
 import cv2
 import numpy as np
@@ -14,6 +15,8 @@ Points = npt.NDArray[np.float64]
 
 _SCALES = (1.5, 3.0, 6.0)
 _CANDIDATES = 22
+_DARK = 8.0
+"""Grey level of the stretched picture below which darkness is not told apart."""
 _MIN_CONTRAST = 0.3
 """Smallest difference between a mark's white and black cells, as a share of the white."""
 
@@ -25,7 +28,7 @@ def find_marks(image: npt.NDArray[np.uint8], target: CornerMarks) -> Points | No
     of the board, and the one under which all marks have their black cells in place, white around them, is taken.
     A board whose marks look alike when turned by 180 degrees is taken upright: its plane is the same.
     """
-    smooth = cv2.GaussianBlur(image.astype(np.float32), (0, 0), 1.0)
+    smooth = np.asarray(cv2.GaussianBlur(image.astype(np.float32), (0, 0), 1.0), dtype=np.float32)
     candidates = _saddles(image)
     if len(candidates) < 4:
         return None
@@ -48,8 +51,10 @@ def _saddles(image: npt.NDArray[np.uint8]) -> Points:
     """Return the strongest saddle points (k, 2) px over several scales, each once, strongest first."""
     found: list[tuple[float, float, float]] = []
     grey = image.astype(np.float32)
+    # Marks may lie beyond the projector's light, where only the room lights them: their ratio counts, not their range.
+    ratio = np.log(grey + np.float32(_DARK))
     for scale in _SCALES:
-        smooth = cv2.GaussianBlur(grey, (0, 0), scale)
+        smooth = cv2.GaussianBlur(ratio, (0, 0), scale)
         xx, yy, xy = (cv2.Sobel(smooth, cv2.CV_32F, *order, ksize=3) for order in ((2, 0), (0, 2), (1, 1)))
         saddle = np.maximum(xy * xy - xx * yy, 0) * np.float32(scale**4)
         size = 2 * int(2 * scale) + 1
@@ -71,7 +76,7 @@ def _saddles(image: npt.NDArray[np.uint8]) -> Points:
 def _looks_like_saddle(grey: npt.NDArray[np.float32], x: float, y: float) -> bool:
     """Tell whether grey levels around a point alternate twice from bright to dark, as around a 2 x 2 mark."""
     angles = np.linspace(0, 2 * np.pi, 32, endpoint=False)
-    for radius in (4.0, 7.0):
+    for radius in (2.5, 4.0, 7.0):
         at = np.stack([x + radius * np.cos(angles), y + radius * np.sin(angles)]).astype(np.float32)
         ring = cv2.remap(grey, at[0][None], at[1][None], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[0]
         low, high = np.percentile(ring, (10, 90))
@@ -94,7 +99,8 @@ def _clockwise(four: Points) -> Points | None:
 
 
 def _homography(target: CornerMarks, quad: Points) -> npt.NDArray[np.float64]:
-    return cv2.getPerspectiveTransform(target.points()[:4].astype(np.float32), quad.astype(np.float32))
+    matrix = cv2.getPerspectiveTransform(target.points()[:4].astype(np.float32), quad.astype(np.float32))
+    return np.asarray(matrix, dtype=np.float64)
 
 
 def _score(smooth: npt.NDArray[np.float32], homography: npt.NDArray[np.float64], target: CornerMarks) -> float:
@@ -103,7 +109,7 @@ def _score(smooth: npt.NDArray[np.float32], homography: npt.NDArray[np.float64],
     black = np.array([[-0.5, -0.5], [0.5, 0.5]]) * cell
     white = np.array([[0.5, -0.5], [-0.5, 0.5], [-1.6, -0.6], [-0.6, -1.6], [1.6, 0.6], [0.6, 1.6]]) * cell
     places = target.points()[:, None] + np.concatenate([black, white])[None]
-    values = _sample(smooth, cv2.perspectiveTransform(places, homography))
+    values = _sample(smooth, np.asarray(cv2.perspectiveTransform(places, homography)))
     if np.isnan(values[:, :4]).any():
         return 0.0
     dark, bright = values[:, :2].max(axis=1), values[:, 2:4].min(axis=1)
@@ -112,7 +118,7 @@ def _score(smooth: npt.NDArray[np.float32], homography: npt.NDArray[np.float64],
     return float(((np.minimum(bright, around) - dark) / np.maximum(bright, 1)).min())
 
 
-def _sample(smooth: npt.NDArray[np.float32], points: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:
+def _sample(smooth: npt.NDArray[np.float32], points: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
     """Return grey levels at points (..., 2) px, NaN outside the picture."""
     height, width = smooth.shape
     x, y = points[..., 0], points[..., 1]

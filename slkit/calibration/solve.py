@@ -5,8 +5,9 @@ Angles and lengths of a pose are refined as a small motion in front of it, so th
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -19,6 +20,10 @@ from slkit.geometry import Pinhole, Pose, Rig, as_size, homogeneous, intersect_p
 Array = npt.NDArray[np.float64]
 DISTORTION_NAMES = ("k1", "k2", "p1", "p2", "k3")
 DEFAULT_DISTORTION = ("k1", "k2", "p1", "p2")
+_STEP = 1e-6
+"""Step of the numerical derivatives, in units of each value's scale."""
+_SAME_DEG = 1.0
+"""Refinement often takes both planar solutions to one pose; closer than this they are one."""
 _CRITERIA = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 200, 1e-9)
 
 
@@ -73,9 +78,10 @@ def check_distortion(free: Sequence[str], name: str) -> None:
     """Refuse unknown distortion coefficients. Errors: InputError naming the field `name`."""
     for coefficient in free:
         if coefficient not in DISTORTION_NAMES:
-            raise InputError(
-                f"{name}: there is no coefficient {coefficient!r}; there are {', '.join(DISTORTION_NAMES)}"
-            )
+            known = ", ".join(DISTORTION_NAMES)
+            raise InputError(f"{name}: there is no coefficient {coefficient!r}; there are {known}")
+    if ("p1" in free) != ("p2" in free):
+        raise InputError(f"{name}: p1 and p2 are estimated together or not at all")
 
 
 def calibrate_camera(
@@ -86,8 +92,6 @@ def calibrate_camera(
     size (w, h) px; free: the distortion coefficients that are estimated, the others stay 0.
     Errors: CalibrationError where OpenCV finds no camera. Source: Zhang (2000), as in cv2.calibrateCamera.
     """
-    from scipy.optimize import least_squares
-
     objects = [homogeneous_zero(v.board_xy[v.printed]) for v in views]
     images = [v.camera_xy[v.printed] for v in views]
     try:
@@ -102,25 +106,29 @@ def calibrate_camera(
         )
     except cv2.error as error:
         raise CalibrationError(f"the camera cannot be calibrated from these {len(views)} views: {error.err}") from error
-    device = _Device("camera", Pinhole(size, matrix, np.ravel(distortion)[:5]), free)
-    poses = [Pose.from_rotation_vector(np.ravel(r), np.ravel(t)) for r, t in zip(turns, shifts, strict=True)]
+    camera = Pinhole(size, _float64(matrix), _float64(distortion).ravel()[:5])
+    poses = tuple(Pose.from_rotation_vector(np.ravel(r), np.ravel(t)) for r, t in zip(turns, shifts, strict=True))
+    names = tuple(f"camera.{n}" for n in ("fx", "fy", "cx", "cy", *(n for n in DISTORTION_NAMES if n in free)))
+    motions = list(zip(objects, turns, shifts, strict=True))
+    return CameraFit(camera, poses, names, _camera_covariance(camera, motions, images, free))
 
-    def split(values: Array) -> tuple[Pinhole, list[Pose]]:
-        lens, *motions = np.split(values, np.arange(len(device.values), len(values), 6))
-        return device.at(lens), [_moved(p, m) for p, m in zip(poses, motions, strict=True)]
 
-    def residuals(values: Array) -> Array:
-        lens, placed = split(values)
-        found = [lens.project(p.apply(o)) - i for p, o, i in zip(placed, objects, images, strict=True)]
-        return np.nan_to_num(np.concatenate(found), nan=1e6).ravel()
-
-    # OpenCV stops at its minimum without the covariance; a step from there gives the Jacobian and polishes the rest.
-    x0 = np.concatenate([device.values, np.zeros(6 * len(poses))])
-    scale = np.concatenate([device.scale, *(_pose_scale(p) for p in poses)])
-    found = least_squares(residuals, x0, x_scale=scale, method="trf", xtol=1e-12, ftol=1e-10, max_nfev=10)
-    camera, placed = split(found.x)
-    count = len(device.names)
-    return CameraFit(camera, tuple(placed), device.names, _covariance(found.jac, found.fun)[:count, :count])
+def _camera_covariance(
+    camera: Pinhole, motions: Sequence[tuple[Any, Any, Any]], images: Sequence[Array], free: Sequence[str]
+) -> Array:
+    """Return the covariance of the camera's free values, the poses (board points, rotation, translation) marginal."""
+    lens = [6, 7, 8, 9, *(10 + i for i, n in enumerate(DISTORTION_NAMES) if n in free)]
+    count = len(lens)
+    blocks: list[Array] = []
+    errors: list[Array] = []
+    for i, ((points, turn, shift), seen) in enumerate(zip(motions, images, strict=True)):
+        found, jacobian = cv2.projectPoints(points, turn, shift, camera.K, camera.distortion)[:2]
+        block = np.zeros((2 * len(seen), count + 6 * len(motions)))
+        block[:, :count] = jacobian[:, lens]
+        block[:, count + 6 * i : count + 6 * i + 6] = jacobian[:, :6]
+        blocks.append(block)
+        errors.append((found.reshape(-1, 2) - seen).ravel())
+    return _covariance(np.concatenate(blocks), np.concatenate(errors))[:count, :count]
 
 
 def calibrate_alone(
@@ -169,9 +177,9 @@ def board_pose(camera: Pinhole, board_xy: Array, camera_xy: Array) -> tuple[Pose
             solutions.append((rms(camera.project(pose.apply(points)) - camera_xy), pose))
     if not solutions:
         raise CalibrationError("no pose explains the marks: is their order TL TR BR BL, and are xy_mm right?")
-    solutions.sort(key=lambda s: s[0])
-    ratio = solutions[1][0] / max(solutions[0][0], 1e-6) if len(solutions) > 1 else np.inf
-    return solutions[0][1], solutions[0][0], ratio
+    (best, pose), *others = sorted(solutions, key=lambda s: s[0])
+    distinct = [error for error, other in others if (pose.inverse() @ other).angle_deg > _SAME_DEG]
+    return pose, best, min(distinct, default=np.inf) / max(best, 1e-6)
 
 
 def _refine_pose(camera: Pinhole, points: Array, camera_xy: Array, start: Pose) -> Pose:
@@ -239,10 +247,10 @@ def linear_projector(xyz: Array, pixels: Array, size: tuple[int, int]) -> Projec
     if spread[2] < 1e-3 * spread[0]:
         raise CalibrationError("all points lie in one plane: take views of the board at several depths and tilts")
     to_unit, to_unit_px = _normalization(xyz), _normalization(pixels)
-    X = homogeneous(xyz) @ to_unit.T
-    p = homogeneous(pixels) @ to_unit_px.T
-    zero = np.zeros_like(X)
-    rows = np.concatenate([np.hstack([X, zero, -p[:, :1] * X]), np.hstack([zero, X, -p[:, 1:2] * X])], axis=0)
+    point = homogeneous(xyz) @ to_unit.T
+    x, y, _ = np.hsplit(homogeneous(pixels) @ to_unit_px.T, 3)
+    zero = np.zeros_like(point)
+    rows = np.concatenate([np.hstack([point, zero, -x * point]), np.hstack([zero, point, -y * point])])
     camera_matrix = np.linalg.svd(rows, full_matrices=False)[2][-1].reshape(3, 4)
     camera_matrix = np.linalg.inv(to_unit_px) @ camera_matrix @ to_unit
     # Points in front of the projector have a positive third coordinate; the transform leaves the sign open.
@@ -250,16 +258,16 @@ def linear_projector(xyz: Array, pixels: Array, size: tuple[int, int]) -> Projec
         camera_matrix = -camera_matrix
     from scipy.linalg import rq
 
-    K, R = rq(camera_matrix[:, :3])
-    signs = np.sign(np.diag(K))
-    K, R = K * signs, signs[:, None] * R
-    if np.linalg.det(R) < 0:
+    upper, turn = rq(camera_matrix[:, :3])
+    signs = np.sign(np.diag(upper))
+    upper, turn = upper * signs, signs[:, None] * turn
+    if np.linalg.det(turn) < 0:
         raise CalibrationError("the points and their projector pixels are mirrored: is the pattern projected mirrored?")
-    translation = np.linalg.solve(K, camera_matrix[:, 3])
-    K = K / K[2, 2]
-    K[0, 1] = 0
-    K[[1, 2, 2], [0, 0, 1]] = 0
-    projector, pose = Pinhole(size, K, np.zeros(5)), Pose(R, translation)
+    translation = np.linalg.solve(upper, camera_matrix[:, 3])
+    focal_x, focal_y = np.diag(upper)[:2] / upper[2, 2]
+    center_x, center_y = upper[:2, 2] / upper[2, 2]
+    matrix = np.array([[focal_x, 0, center_x], [0, focal_y, center_y], [0, 0, 1]])
+    projector, pose = Pinhole(size, matrix, np.zeros(5)), Pose(turn, translation)
     residual = projector.project(pose.apply(xyz)) - pixels
     return ProjectorFit(projector, pose, residual, (), np.empty((0, 0)))
 
@@ -279,26 +287,52 @@ def refine(
     from scipy.optimize import least_squares
 
     camera, projector = _Device("camera", rig.camera, camera_free), _Device("projector", rig.projector, projector_free)
-    widths = np.cumsum([len(camera.values), len(projector.values), 6] + [6] * len(poses))
+    shared = len(camera.values) + len(projector.values) + 6
 
     def split(values: Array) -> tuple[Rig, list[Pose]]:
-        parts = np.split(values, widths[:-1])
-        moved = Rig(camera.at(parts[0]), projector.at(parts[1]), _moved(rig.projector_from_camera, parts[2]))
-        return moved, [_moved(pose, motion) for pose, motion in zip(poses, parts[3:], strict=True)]
+        lenses, motion, placed = np.split(values, [shared - 6, shared])
+        lens, light = np.split(lenses, [len(camera.values)])
+        moved = Rig(camera.at(lens), projector.at(light), _moved(rig.projector_from_camera, motion))
+        return moved, [_moved(p, m) for p, m in zip(poses, placed.reshape(-1, 6), strict=True)]
 
-    def residuals(values: Array) -> Array:
+    def residuals(values: Array) -> list[Array]:
         moved, placed = split(values)
         pairs = [residuals_of(moved, pose, view) for pose, view in zip(placed, views, strict=True)]
-        return np.nan_to_num(np.concatenate([r.ravel() for pair in pairs for r in pair]), nan=1e6)
+        return [np.nan_to_num(np.concatenate(pair).ravel(), nan=1e6) for pair in pairs]
 
-    x0 = np.concatenate([camera.values, projector.values, np.zeros(6 + 6 * len(poses))])
     motions = [_pose_scale(p) for p in (rig.projector_from_camera, *poses)]
     scale = np.concatenate([camera.scale, projector.scale, *motions])
-    found = least_squares(residuals, x0, x_scale=scale, method="trf", xtol=1e-12, ftol=1e-10)
+    found = least_squares(
+        lambda values: np.concatenate(residuals(values)),
+        np.concatenate([camera.values, projector.values, np.zeros(6 + 6 * len(poses))]),
+        jac=lambda values: _bordered_jacobian(residuals, values, scale, shared),
+        x_scale=scale,
+        xtol=1e-12,
+        ftol=1e-10,
+    )
     refined, placed = split(found.x)
     names = (*camera.names, *projector.names, *_pose_names("projector_from_camera"))
     covariance = _covariance(found.jac, found.fun)[: len(names), : len(names)]
     return Refined(refined, tuple(placed), names, covariance)
+
+
+def _bordered_jacobian(residuals: Callable[[Array], list[Array]], values: Array, scale: Array, shared: int) -> Array:
+    """Return the Jacobian of residuals that come one array a view, by central differences.
+
+    The first `shared` values act on every view, then six a view act on that view alone: these are shifted together.
+    """
+    steps = _STEP * scale
+    ends = np.cumsum([len(r) for r in residuals(values)])
+    jacobian = np.zeros((ends[-1], len(values)))
+    for k in range(shared + 6):
+        columns = [k] if k < shared else list(range(k, len(values), 6))
+        shift = np.zeros(len(values))
+        shift[columns] = steps[columns]
+        pairs = zip(residuals(values + shift), residuals(values - shift), strict=True)
+        for view, (above, below) in enumerate(pairs):
+            column = k if k < shared else columns[view]
+            jacobian[ends[view] - len(above) : ends[view], column] = (above - below) / (2 * steps[column])
+    return jacobian
 
 
 def residuals_of(rig: Rig, pose: Pose, view: BoardView) -> tuple[Array, Array]:
@@ -309,17 +343,21 @@ def residuals_of(rig: Rig, pose: Pose, view: BoardView) -> tuple[Array, Array]:
     """
     printed, projected = view.printed, view.projected
     camera = rig.camera.project(pose.apply(homogeneous_zero(view.board_xy[printed]))) - view.camera_xy[printed]
+    if not projected.any():
+        return camera, np.empty((0, 2))
     xyz = points_of(rig.camera, pose, view)[projected]
     return camera, rig.to_projector(xyz) - view.projector_xy[projected]
 
 
 def points_of(camera: Pinhole, pose: Pose, view: BoardView) -> Array:
     """Return the camera-frame points (n, 3) mm of a view's rows: on the board where printed, else by their ray."""
-    normal = pose.rotation[:, 2]
-    by_ray = intersect_plane(homogeneous(camera.normalize(view.camera_xy)), normal, float(normal @ pose.translation))
     printed = view.printed
-    by_ray[printed] = pose.apply(homogeneous_zero(view.board_xy[printed]))
-    return by_ray
+    normal = pose.rotation[:, 2]
+    rays = homogeneous(camera.normalize(view.camera_xy[~printed]))
+    points = np.empty((len(printed), 3))
+    points[printed] = pose.apply(homogeneous_zero(view.board_xy[printed]))
+    points[~printed] = intersect_plane(rays, normal, float(normal @ pose.translation))
+    return points
 
 
 def homogeneous_zero(xy: Array) -> npt.NDArray[np.float32]:
@@ -344,6 +382,10 @@ class _Device:
         distortion = np.array(self._start.distortion)
         distortion[self._free] = values[4:]
         return replace(self._start, K=K, distortion=distortion)
+
+
+def _float64(values: npt.ArrayLike) -> Array:
+    return np.asarray(values, dtype=np.float64)
 
 
 def _moved(pose: Pose, motion: Array) -> Pose:

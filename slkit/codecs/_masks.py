@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from slkit.codecs._noise import NoiseCurve, noise_curve
 from slkit.data import Correspondences, Float32s, Frames, Image, check_image, describe_image
 from slkit.errors import DecodeError, InputError
 
-_QUANTISATION = 1 / np.sqrt(12)
 _SENSOR_BITS = (10, 12, 14)
 
 
@@ -54,25 +54,23 @@ class Reader:
 class Light:
     """The range of grey levels a scene spans, and where it can be decoded.
 
-    low, high (h, w): dark and fully lit picture in grey levels; noise_low, noise_high: their noise, 1 sigma, in grey
-    levels; mask (h, w): lit well enough and not saturated.
+    low, high (h, w): dark and fully lit picture in grey levels; curve: the noise of one frame at each grey level;
+    mask (h, w): lit well enough and not saturated.
     """
 
     low: Float32s
     high: Float32s
-    noise_low: float
-    noise_high: float
+    curve: NoiseCurve
     mask: npt.NDArray[np.bool_]
 
     @property
     def span(self) -> Float32s:
-        """High - low in grey levels, (h, w), never below one level."""
+        """The difference high - low in grey levels, (h, w), never below one level."""
         return np.maximum(self.high - self.low, np.float32(1))
 
     def noise(self, level: Float32s) -> Float32s:
-        """Return the noise, 1 sigma in grey levels, expected at a grey level (...): variance grows with light."""
-        share = np.clip((level - self.low) / self.span, 0, 1)
-        return np.sqrt(self.noise_low**2 + (max(self.noise_high, self.noise_low) ** 2 - self.noise_low**2) * share)
+        """Return the noise of one frame, 1 sigma in grey levels, expected at a grey level (...)."""
+        return self.curve.at(level)
 
 
 def measure_light(white: Image, black: Image, min_snr: float) -> Light:
@@ -82,12 +80,12 @@ def measure_light(white: Image, black: Image, min_snr: float) -> Light:
     saturated. Errors: DecodeError where that leaves no pixel.
     """
     high, low = grey(white), grey(black)
-    noise_low, noise_high = noise_level(low), noise_level(high)
-    lit = high - low > min_snr * np.hypot(noise_low, noise_high)
     saturated = saturation(white)
+    curve = noise_curve([(high, ~saturated), (low, ~saturation(black))])
+    lit = high - low > min_snr * np.hypot(curve.at(high), curve.at(low))
     mask = lit & ~saturated
     refuse_empty(mask, lit, saturated)
-    return Light(low, high, noise_low, noise_high, mask)
+    return Light(low, high, curve, mask)
 
 
 def refuse_empty(mask: npt.NDArray[np.bool_], lit: npt.NDArray[np.bool_], saturated: npt.NDArray[np.bool_]) -> None:
@@ -118,18 +116,7 @@ def saturation(image: Image) -> npt.NDArray[np.bool_]:
     if image.dtype == np.uint16 and top in [2**bits - 1 for bits in _SENSOR_BITS]:
         full = top
     at_top = image >= full
-    return at_top if image.ndim == 2 else at_top.any(axis=2)
-
-
-def noise_level(image: Float32s) -> float:
-    """Return the noise of a grey picture, 1 sigma in grey levels, not below that of rounding.
-
-    The median of a second difference along both axes, blind to edges as long as most of the picture is smooth.
-    Source: Immerkaer, Fast noise variance estimation (1996), with a median in place of the mean.
-    """
-    rows = image[:-2] - 2 * image[1:-1] + image[2:]
-    both = rows[:, :-2] - 2 * rows[:, 1:-1] + rows[:, 2:]
-    return max(float(np.median(np.abs(both))) * 1.4826 / 6, _QUANTISATION) if both.size else _QUANTISATION
+    return at_top if image.ndim == 2 else np.any(at_top, axis=2)
 
 
 def collect(

@@ -1,0 +1,97 @@
+"""Structured light with a camera and a projector: calibrate the pair, scan objects, trust the numbers.
+
+The names below are the public ones; each is imported when it is first used, so that `import slkit` is quick.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from slkit.data import BoardView, Calibration, Capture, Correspondences, Frames, PointCloud
+    from slkit.errors import SlkitError
+    from slkit.files import read_frames, read_image, read_mesh, read_rig, write_rig
+    from slkit.geometry import Pinhole, Pose, Rig
+    from slkit.pipeline import (
+        ScanResult,
+        calibrate,
+        load_codec,
+        patterns,
+        projected_checkerboard,
+        provenance,
+        scan,
+        simulate_calibration,
+        simulate_scan,
+        view,
+        write_cloud,
+    )
+    from slkit.triangulation import triangulate
+
+    __version__: str
+
+__all__ = [
+    "BoardView",
+    "Calibration",
+    "Capture",
+    "Correspondences",
+    "Frames",
+    "Pinhole",
+    "PointCloud",
+    "Pose",
+    "Rig",
+    "ScanResult",
+    "SlkitError",
+    "calibrate",
+    "load_codec",
+    "patterns",
+    "projected_checkerboard",
+    "provenance",
+    "read_frames",
+    "read_image",
+    "read_mesh",
+    "read_rig",
+    "scan",
+    "simulate_calibration",
+    "simulate_scan",
+    "triangulate",
+    "view",
+    "write_cloud",
+    "write_rig",
+]
+
+_HOMES = {
+    "slkit.data": ("BoardView", "Calibration", "Capture", "Correspondences", "Frames", "PointCloud"),
+    "slkit.errors": ("SlkitError",),
+    "slkit.files": ("read_frames", "read_image", "read_mesh", "read_rig", "write_rig"),
+    "slkit.geometry": ("Pinhole", "Pose", "Rig"),
+    "slkit.pipeline": (
+        "ScanResult",
+        "calibrate",
+        "load_codec",
+        "patterns",
+        "projected_checkerboard",
+        "provenance",
+        "scan",
+        "simulate_calibration",
+        "simulate_scan",
+        "view",
+        "write_cloud",
+    ),
+    "slkit.triangulation": ("triangulate",),
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("slkit")
+    for home, names in _HOMES.items():
+        if name in names:
+            return getattr(import_module(home), name)
+    raise AttributeError(f"module 'slkit' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return [*__all__, "__version__"]

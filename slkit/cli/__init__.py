@@ -1,0 +1,56 @@
+"""The command line: typer verbs over `slkit.pipeline`.
+
+What is heavy is imported inside the commands, so that `slkit --help` answers at once.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import traceback
+
+import typer
+
+from slkit.cli import calibrate, patterns, plugins, rig, scan, simulate
+from slkit.errors import SlkitError
+
+app = typer.Typer(
+    name="slkit",
+    help="Structured light with a camera and a projector: calibrate the pair, scan objects, trust the numbers.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+app.command("patterns")(patterns.patterns)
+app.add_typer(simulate.app, name="simulate")
+app.command("calibrate")(calibrate.calibrate)
+app.command("scan")(scan.scan)
+app.add_typer(rig.app, name="rig")
+app.command("view")(scan.view)
+app.command("plugins")(plugins.plugins)
+
+
+def main() -> None:
+    """Run the command line and exit: 0 done, 1 a fault of slkit, 2 a mistake that the user can mend.
+
+    A mistake is told in one sentence on standard error; SLKIT_DEBUG=1 adds the traceback of a fault.
+    """
+    # OpenCV reports damaged pictures on standard error on its own, beside slkit's sentence.
+    os.environ.setdefault("OPENCV_LOG_LEVEL", "OFF")
+    try:
+        app()
+    except SlkitError as error:
+        _leave(str(error), 2)
+    except KeyboardInterrupt:
+        sys.exit(130)
+    except Exception as error:
+        if os.environ.get("SLKIT_DEBUG"):
+            traceback.print_exc()
+        what = f"{type(error).__name__}: {error}"
+        _leave(f"internal error, please report it with the output of SLKIT_DEBUG=1: {what}", 1)
+
+
+def _leave(sentence: str, code: int) -> None:
+    print("slkit: " + " ".join(sentence.splitlines()), file=sys.stderr)
+    sys.exit(code)

@@ -1,0 +1,5 @@
+"""python -m slkit.cli."""
+
+from slkit.cli import main
+
+main()

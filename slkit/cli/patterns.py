@@ -1,0 +1,62 @@
+"""slkit patterns."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from slkit.cli._common import (
+    JsonOption,
+    ProjectorOption,
+    SetOption,
+    parse_settings,
+    parse_size,
+    print_json,
+    progress_bar,
+)
+from slkit.errors import InputError
+
+
+def patterns(
+    codec: Annotated[
+        str, typer.Argument(metavar="CODEC|RECIPE.toml|checkerboard", help="A codec's name, or a recipe.")
+    ],
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for the pictures.")],
+    projector: ProjectorOption = None,
+    settings: SetOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Write the patterns to project, a slideshow that shows them, and a TOML file for the pictures taken."""
+    from slkit import pipeline
+
+    size = parse_size(projector, "--projector") if projector is not None else None
+    if codec.endswith(".toml"):
+        name, built = pipeline.recipe_codec(codec, size, parse_settings(settings))
+    elif size is None:
+        raise InputError("say how large the projector's image is: --projector 1024x768")
+    elif codec == "checkerboard":
+        _checkerboard(size, output, settings, as_json)
+        return
+    else:
+        name, built = codec, pipeline.load_codec(codec, size, parse_settings(settings))
+    with progress_bar() as progress:
+        count = len(pipeline.patterns(name, built, output, progress))
+    _report(count, output, "capture.toml", as_json)
+
+
+def _checkerboard(size: tuple[int, int], output: Path, settings: list[str] | None, as_json: bool) -> None:
+    from slkit import pipeline
+
+    if settings:
+        raise InputError("the projected checkerboard has no parameters: leave --set away")
+    pipeline.projected_checkerboard(size, output)
+    _report(2, output, "calibration.toml", as_json)
+
+
+def _report(count: int, output: Path, file: str, as_json: bool) -> None:
+    if as_json:
+        print_json({"patterns": count, "folder": str(output)})
+    else:
+        print(f"{count} patterns in {output}: show them with slideshow.html; {file} is for the pictures you take")

@@ -1,0 +1,118 @@
+"""slkit rig show, export and import."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+from slkit.cli._common import JsonOption, number, print_json
+from slkit.errors import InputError
+
+if TYPE_CHECKING:
+    from slkit.geometry import Pinhole, Rig
+
+app = typer.Typer(help="Show a rig, or exchange it with other programs.", no_args_is_help=True, rich_markup_mode=None)
+
+Format = Annotated[Literal["opencv"], typer.Option("--format", help="The other program's form: YAML of OpenCV.")]
+
+
+@app.command()
+def show(
+    rig: Annotated[Path, typer.Argument(metavar="RIG.json")],
+    as_json: JsonOption = False,
+) -> None:
+    """Print both lenses, how the projector stands, and the evidence that the file keeps."""
+    from slkit.files import read_provenance, read_rig
+
+    found, origin = read_rig(rig), read_provenance(rig)
+    table = _table(found, origin)
+    if as_json:
+        print_json(table)
+        return
+    for name, device in (("camera", found.camera), ("projector", found.projector)):
+        print(_describe(name, device))
+    center = _row(table["projector_center_mm"], 2)
+    print(f"baseline: {number(table['baseline_mm'], 2)} mm; projector centre at {center} mm")
+    print(f"rotation camera to projector: {number(table['rotation_deg'], 3)} deg")
+    rms = table["rms_px"]
+    if rms:
+        print("rms: " + ", ".join(f"{name} {number(value)} px" for name, value in rms.items()))
+
+
+@app.command("export")
+def export_rig(
+    rig: Annotated[Path, typer.Argument(metavar="RIG.json")],
+    form: Format = "opencv",
+    output: Annotated[Path | None, typer.Option("-o", "--output", metavar="FILE", help="Default: RIG.yml.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Write a rig.json for another program: matrices, distortion, R and T as cv2.stereoCalibrate returns them."""
+    from slkit.files import read_rig, write_opencv
+
+    target = output or rig.with_suffix(".yml")
+    write_opencv(target, read_rig(rig))
+    _report({form: str(target)}, as_json)
+
+
+@app.command("import")
+def import_rig(
+    source: Annotated[Path, typer.Argument(metavar="FILE")],
+    form: Format = "opencv",
+    output: Annotated[Path | None, typer.Option("-o", "--output", metavar="FILE", help="Default: FILE.json.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Write another program's rig as a rig.json."""
+    from slkit.files import read_opencv, write_rig
+
+    target = output or source.with_suffix(".json")
+    if target == source:
+        raise InputError(f"{source} would be overwritten: name the new file with -o")
+    write_rig(target, read_opencv(source), {"imported": {"format": form, "file": source.name}})
+    _report({"rig": str(target)}, as_json)
+
+
+def _report(written: dict[str, Any], as_json: bool) -> None:
+    if as_json:
+        print_json(written)
+        return
+    for what, path in written.items():
+        print(f"{what}: {path}")
+
+
+def _table(rig: Rig, origin: dict[str, Any]) -> dict[str, Any]:
+    import numpy as np
+
+    pose = rig.projector_from_camera
+    devices = {
+        name: {"size": list(d.size), "K": d.K.tolist(), "distortion": d.distortion.tolist()}
+        for name, d in (("camera", rig.camera), ("projector", rig.projector))
+    }
+    return devices | {
+        "baseline_mm": float(np.linalg.norm(pose.translation)),
+        "projector_center_mm": rig.projector_center.tolist(),
+        "rotation_deg": float(np.degrees(np.linalg.norm(pose.rotation_vector))),
+        "rms_px": origin.get("rms_px"),
+        "method": origin.get("method"),
+    }
+
+
+def _describe(name: str, device: Pinhole) -> str:
+    import numpy as np
+
+    width, height = device.size
+    focal = np.array([device.K[0, 0], device.K[1, 1]])
+    # Edge to edge through the principal point, without the lens's distortion.
+    edges = (np.array([[-0.5, -0.5], [width - 0.5, height - 0.5]]) - device.K[:2, 2]) / focal
+    angles = np.degrees(np.arctan(edges[1]) - np.arctan(edges[0]))
+    lines = [
+        f"{name}: {width} x {height} px, angle of view {_row(angles, 1)} deg",
+        f"  focal length {_row(focal, 2)} px, principal point {_row(device.K[:2, 2], 2)} px, skew {device.K[0, 1]:.4g}",
+        f"  distortion k1 k2 p1 p2 k3: {_row(device.distortion, 5)}",
+    ]
+    return "\n".join(lines)
+
+
+def _row(values: Any, digits: int) -> str:
+    return " ".join(number(float(v), digits) for v in values)

@@ -1,0 +1,77 @@
+"""slkit scan and slkit view."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from slkit.cli._common import JsonOption, SetOption, number, parse_settings, print_json, progress_bar
+
+if TYPE_CHECKING:
+    from slkit.pipeline import ScanResult
+
+
+def scan(
+    folder: Annotated[Path, typer.Argument(metavar="SCAN_DIR", help="A folder with a capture.toml and the pictures.")],
+    rig: Annotated[Path, typer.Option("--rig", metavar="FILE", help="The rig that `slkit calibrate` wrote.")],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="FILE", help="The cloud; its ending is the format.")
+    ],
+    settings: SetOption = None,
+    depth: Annotated[
+        tuple[float, float] | None, typer.Option("--depth", metavar="MIN MAX", help="Depths in mm that can occur.")
+    ] = None,
+    no_filter: Annotated[
+        list[str] | None, typer.Option("--no-filter", metavar="NAME", help="Switch a filter off; may be repeated.")
+    ] = None,
+    normals: Annotated[bool, typer.Option("--normals", help="Estimate a normal for every point.")] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Turn pictures of projected patterns into a point cloud."""
+    from slkit import pipeline
+    from slkit.files import read_rig
+
+    pipeline.exporter(output)
+    filters = pipeline.make_filters(no_filter or ())
+    with progress_bar() as progress:
+        result = pipeline.scan(
+            folder, read_rig(rig), parse_settings(settings), depth, filters, normals=normals, progress=progress
+        )
+    started = time.perf_counter()
+    pipeline.write_cloud(output, result.cloud)
+    seconds = {**result.seconds, "write": time.perf_counter() - started}
+    _report(result, seconds, output, as_json)
+
+
+def _report(result: ScanResult, seconds: dict[str, float], output: Path, as_json: bool) -> None:
+    import numpy as np
+
+    sigma = result.cloud.sigma_mm[np.isfinite(result.cloud.sigma_mm)]
+    median, p95 = (float(v) for v in np.percentile(sigma, [50, 95])) if len(sigma) else (float("nan"),) * 2
+    if as_json:
+        evidence = {"points": len(result.cloud), "seconds": seconds, "sigma_mm": {"median": median, "p95": p95}}
+        print_json(evidence | {"cloud": str(output)})
+        return
+    print(f"points: {len(result.cloud)} in {output}")
+    removed = ", ".join(f"{name} {count}" for name, count in result.removed.items())
+    print(f"removed by filter: {removed or 'none'}")
+    print(f"sigma along the ray: median {number(median)} mm, 95 % below {number(p95)} mm")
+    print("seconds: " + ", ".join(f"{stage} {number(value, 2)}" for stage, value in seconds.items()))
+
+
+def view(
+    cloud: Annotated[Path, typer.Argument(metavar="CLOUD.ply")],
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="The picture, as PNG.")],
+    as_json: JsonOption = False,
+) -> None:
+    """Draw a picture of a cloud, without a display."""
+    from slkit import pipeline
+
+    pipeline.view(cloud, output)
+    if as_json:
+        print_json({"picture": str(output)})
+    else:
+        print(f"picture: {output}")

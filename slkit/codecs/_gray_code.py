@@ -1,0 +1,272 @@
+"""The reflected binary Gray code of one projector axis: drawing it, and reading it back with its doubts.
+
+Shared by the codecs that number projector cells with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from slkit.codecs._masks import Light
+from slkit.data import Float32s, Frames
+from slkit.errors import InputError
+from slkit.protocols import Bounds
+
+Axis = Literal["x", "y"]
+Axes = Literal["x", "y", "both"]
+Ints = npt.NDArray[np.int32]
+Mask = npt.NDArray[np.bool_]
+Profile = npt.NDArray[np.uint8]
+
+# Stripes of these bits are narrow enough to separate direct from global light and wide enough to survive blur.
+_SEPARATION_BITS = (1, 2, 3)
+_GLOBAL_SHARE = 0.5
+# Window in px over which doubtful pixels are counted, and the least width of a doubt in cells.
+_NEIGHBOURHOOD = 33
+_NARROWEST = 0.1
+
+
+def coded_axes(axes: Axes) -> tuple[Axis, ...]:
+    """Return the axes that a setting names, x first. Errors: InputError for another word."""
+    table: dict[str, tuple[Axis, ...]] = {"x": ("x",), "y": ("y",), "both": ("x", "y")}
+    if axes not in table:
+        raise InputError(f"axes must be 'x', 'y' or 'both', not {axes!r}")
+    return table[axes]
+
+
+@dataclass(frozen=True)
+class CellCode:
+    """The Gray code of the cells floor(position / step) along one axis of a projector.
+
+    size: length of the axis in px; step: px a cell; inverse: every pattern is followed by its inverse.
+    Bit 1 = lit. Names go from the most significant bit down: x_bit9, x_bit9_inverse, ...
+    """
+
+    axis: Axis
+    size: int
+    step: int
+    inverse: bool
+
+    @property
+    def count(self) -> int:
+        """The number of cells; the last may be cut by the image's border."""
+        return -(-self.size // self.step)
+
+    @property
+    def bits(self) -> int:
+        """The number of bits that number all cells, at least one."""
+        return max((self.count - 1).bit_length(), 1)
+
+    def names(self) -> list[str]:
+        """Return the pattern names in display order."""
+        tails = ("", "_inverse") if self.inverse else ("",)
+        return [f"{self.axis}_bit{bit}{tail}" for bit in reversed(range(self.bits)) for tail in tails]
+
+    def profiles(self) -> dict[str, Profile]:
+        """Return each pattern as (1, size) or (size, 1), 0 or 255."""
+        cells = np.arange(self.size) // self.step
+        code = cells ^ (cells >> 1)
+        result: dict[str, Profile] = {}
+        for bit in reversed(range(self.bits)):
+            lit = (code >> bit & 1).astype(bool)
+            result[f"{self.axis}_bit{bit}"] = profile_of(lit, self.axis)
+            if self.inverse:
+                result[f"{self.axis}_bit{bit}_inverse"] = profile_of(~lit, self.axis)
+        return result
+
+    def center(self, cell: npt.NDArray[Any]) -> Float32s:
+        """Return the projector position in px of the middle of a cell (...), whole or fractional."""
+        return (cell * self.step + (self.step - 1) / 2).astype(np.float32)
+
+
+def profile_of(lit: Mask, axis: Axis) -> Profile:
+    """Return what is lit along an axis, (n,), as a picture (1, n) or (n, 1) of 0 and 255."""
+    levels = np.where(lit, 255, 0).astype(np.uint8)
+    return levels[None, :] if axis == "x" else levels[:, None]
+
+
+def constant(level: int) -> Profile:
+    """Return a picture (1, 1) of one grey level, for `patterns`."""
+    return np.full((1, 1), level, dtype=np.uint8)
+
+
+def patterns(profiles: Mapping[str, Profile], size: tuple[int, int]) -> Frames:
+    """Return the pictures (h, w) that profiles of shape (1, w), (h, 1) or (1, 1) stand for, drawn when asked for."""
+    names, lines = tuple(profiles), tuple(profiles.values())
+    shape = size[1], size[0]
+    return Frames(names, lambda i: np.broadcast_to(lines[i], shape).copy())
+
+
+@dataclass(frozen=True)
+class BitRule:
+    """When a bit counts as known: |difference| > `snr` times its noise, and > `contrast` times white - black.
+
+    robust: also ask whether direct or global light explains the difference (see `_robust`).
+    """
+
+    snr: float
+    contrast: float
+    robust: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """What the code says, (h, w) each: cells lo to hi are possible, `guess` is what the bits say taken at face value.
+
+    margin: the smallest |difference| of a known bit in sigmas.
+    """
+
+    lo: Ints
+    hi: Ints
+    guess: Ints
+    margin: Float32s
+
+
+@dataclass(frozen=True, eq=False)
+class _Pair:
+    """A pattern and its inverse, in grey levels (h, w); noise: 1 sigma of their difference."""
+
+    lit: Float32s
+    inverse: Float32s
+    noise: Float32s
+
+
+def read_cells(
+    code: CellCode,
+    read: Callable[[str], Float32s],
+    light: Light,
+    rule: BitRule,
+    on_bit: Callable[[int, Float32s, Float32s], None] | None = None,
+) -> Cells:
+    """Return the cells that pictures of the code show.
+
+    read: gives the grey picture (h, w) of a name, called once each. on_bit(bit, difference, noise): called for every
+    bit, both in grey levels (h, w).
+
+    From the lowest bit up, an interval [lo, hi] of cells within a block of 2^k becomes, in a block twice as large,
+    itself where the next bit is 0, its mirror image where it is 1, and the hull of both where the bit is unknown:
+    narrow at the border that the bit marks, where both are neighbours, and wide anywhere else.
+    """
+    held = {bit: _read_pair(code, bit, read, light) for bit in _SEPARATION_BITS if rule.robust and bit < code.bits}
+    separation = _separate(list(held.values())) if held else None
+    lo = np.zeros(light.low.shape, dtype=np.int32)
+    hi, guess = lo.copy(), lo.copy()
+    margin = np.full(lo.shape, np.inf, dtype=np.float32)
+    for bit in range(code.bits):
+        pair = held.pop(bit) if bit in held else _read_pair(code, bit, read, light)
+        difference = pair.lit - pair.inverse
+        one = difference > 0
+        known = np.abs(difference) > np.maximum(rule.snr * pair.noise, rule.contrast * light.span)
+        if separation is not None:
+            robust_one, robust_known = _robust(pair, separation, rule.snr)
+            one, known = np.where(robust_known, robust_one, one), known & robust_known
+        top = 2 ** (bit + 1) - 1
+        lo, hi = np.where(one & known, top - hi, lo), np.where(known, np.where(one, top - lo, hi), top - lo)
+        guess = np.where(one, top - guess, guess)
+        margin = np.where(known, np.minimum(margin, np.abs(difference) / pair.noise), margin)
+        if on_bit is not None:
+            on_bit(bit, difference, pair.noise)
+    return Cells(lo, hi, guess, margin)
+
+
+def possible(cells: Cells, code: CellCode, bounds: Bounds | None) -> tuple[Ints, Ints]:
+    """Return the interval lo, hi (h, w) of cells that exist and lie within bounds (h, w, 4), give or take one cell.
+
+    lo > hi where none is left. Errors: InputError where bounds have another size.
+    """
+    lo, hi = cells.lo, np.minimum(cells.hi, code.count - 1)
+    if bounds is None:
+        return lo, hi
+    if bounds.shape != (*lo.shape, 4):
+        raise InputError(f"bounds must have the shape {(*lo.shape, 4)}, not {bounds.shape}")
+    first = 0 if code.axis == "x" else 2
+    least, most = bounds[..., first], bounds[..., first + 1]
+    allowed = np.isfinite(least) & np.isfinite(most)
+    # Far-away bounds would overflow the cast to whole cells.
+    least, most = (np.clip(np.where(allowed, b, 0), -1, code.size) for b in (least, most))
+    lo = np.maximum(lo, np.floor(least / code.step).astype(np.int32) - 1)
+    hi = np.where(allowed, np.minimum(hi, np.ceil(most / code.step).astype(np.int32) + 1), -1)
+    return lo, hi
+
+
+def place(interval: tuple[Ints, Ints], code: CellCode, max_cells: int) -> tuple[Float32s, Float32s, Mask]:
+    """Return value and sigma in px and whether both are usable, (h, w) each, of an interval of cells.
+
+    A position somewhere in an interval of width w has a sigma of w / sqrt(12). Two cells are left in doubt only close
+    to the border between them; how close, the share of such pixels in the neighbourhood tells: all of them where a
+    bit is not resolved at all. Borders of the lowest bit and of all others, half of them each, are told apart.
+    """
+    lo, hi = interval
+    count = hi - lo + 1
+    good = (count >= 1) & (count <= max_cells)
+    lowest, other = (good & (count == 2) & (lo % 2 == odd) for odd in (0, 1))
+    shares = _local_shares([lowest, other], good)
+    width = np.where(count == 1, np.maximum(1 - shares[0] - shares[1], _NARROWEST), np.maximum(count, 1))
+    for here, share in zip((lowest, other), shares, strict=True):
+        width = np.where(here, np.maximum(2 * share, _NARROWEST), width)
+    return code.center((lo + hi) / 2), (width * code.step / np.sqrt(12)).astype(np.float32), good
+
+
+def _local_shares(parts: list[Mask], whole: Mask) -> list[Float32s]:
+    window = (_NEIGHBOURHOOD, _NEIGHBOURHOOD)
+    sums = [cv2.boxFilter(m.astype(np.float32), -1, window, normalize=False) for m in (whole, *parts)]
+    return [(part / np.maximum(sums[0], 1)).astype(np.float32) for part in sums[1:]]
+
+
+def check_thresholds(min_snr: float, bit_snr: float, min_contrast: float) -> None:
+    """Refuse thresholds out of range. Errors: InputError."""
+    for name, value in (("min_snr", min_snr), ("bit_snr", bit_snr)):
+        if not 0 < value < np.inf:
+            raise InputError(f"{name} must be a positive number, not {value}")
+    if not 0 <= min_contrast < 1:
+        raise InputError(f"min_contrast must be a share between 0 and 1, not {min_contrast}")
+
+
+def probability(margin: Float32s) -> Float32s:
+    """Return the probability (...) that noise does not turn over a difference of `margin` sigmas."""
+    from scipy.special import ndtr
+
+    return ndtr(margin).astype(np.float32)
+
+
+def _read_pair(code: CellCode, bit: int, read: Callable[[str], Float32s], light: Light) -> _Pair:
+    lit = read(f"{code.axis}_bit{bit}")
+    if code.inverse:
+        inverse = read(f"{code.axis}_bit{bit}_inverse")
+        return _Pair(lit, inverse, np.hypot(light.noise(lit), light.noise(inverse)))
+    # Without an inverse the references stand in for it: white + black - pattern.
+    references = np.hypot(light.noise(light.high), light.noise(light.low))
+    return _Pair(lit, light.high + light.low - lit, np.hypot(2 * light.noise(lit), references))
+
+
+def _separate(pairs: list[_Pair]) -> tuple[Float32s, Float32s]:
+    """Return the direct and the global light, (h, w) grey levels, from pairs of fine stripes.
+
+    Source: Nayar et al., Fast separation of direct and global components (2006), as used by Moreno and Taubin (2012).
+    """
+    brightest = np.max([np.maximum(p.lit, p.inverse) for p in pairs], axis=0)
+    darkest = np.min([np.minimum(p.lit, p.inverse) for p in pairs], axis=0)
+    b = _GLOBAL_SHARE
+    direct = (brightest - darkest) / (1 - b)
+    return direct, np.maximum(2 * (darkest - b * brightest) / (1 - b * b), 0)
+
+
+def _robust(pair: _Pair, separation: tuple[Float32s, Float32s], snr: float) -> tuple[Mask, Mask]:
+    """Return a bit and whether it is known, each (h, w), given direct and global light.
+
+    Where direct light dominates the brighter picture tells; elsewhere only levels that global light alone cannot
+    give. Source: Moreno and Taubin, Simple, accurate and robust projector-camera calibration (2012), after Xu and
+    Aliaga (2007); their fixed level became a multiple of the noise.
+    """
+    direct, indirect = separation
+    one = pair.lit > pair.inverse
+    beyond = (pair.lit >= indirect) & (pair.inverse <= direct)
+    below = (pair.lit <= direct) & (pair.inverse >= indirect)
+    known = (direct > snr * pair.noise) & ((direct > indirect) | (beyond != below))
+    return np.where(direct > indirect, one, beyond), known

@@ -1,0 +1,233 @@
+"""Sub-pixel centres of lines in pictures, and what neighbouring centres say about each other.
+
+Everything here works along picture rows; for lines seen the other way round the caller turns the pictures.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from slkit.data import Float32s
+
+Mask = npt.NDArray[np.bool_]
+Floats = npt.NDArray[np.float64]
+Weights = Callable[[npt.NDArray[Any], float], tuple[Floats, Floats]]
+
+_SCALE_STEP = 1.4
+# A narrower kernel, sampled at whole pixels, would pull centres towards the pixel grid.
+_SMALLEST_SCALE = 0.9
+_SLOPE_ROWS = 5
+_NEWTON_STEPS = 3
+# Scales at which the kernel ends: nearer, the next line would tip it as it moves between the pixels.
+_REACH = 4.5
+
+
+@dataclass(frozen=True, eq=False)
+class Peaks:
+    """Line centres, one a row of each array (m,).
+
+    row: picture row; col: sub-pixel column; sigma_col: its 1 sigma in px; height: picture value at the centre;
+    contrast: height above the mean of the two valleys beside it; noise: 1 sigma of the picture there; value: the label,
+    a projector position in px, NaN before it is known.
+    """
+
+    row: npt.NDArray[np.intp]
+    col: Floats
+    sigma_col: Floats
+    height: Floats
+    contrast: Floats
+    noise: Floats
+    value: Floats
+
+    def __len__(self) -> int:
+        return len(self.row)
+
+    def select(self, keep: npt.NDArray[Any]) -> Peaks:
+        """Return the peaks named by a mask (m,) or by indices."""
+        return Peaks(*(getattr(self, f.name)[keep] for f in fields(self)))
+
+    @property
+    def nearest(self) -> npt.NDArray[np.intp]:
+        """The column of the pixel nearest to each centre, (m,)."""
+        return np.rint(self.col).astype(np.intp)
+
+    @staticmethod
+    def join(parts: list[Peaks]) -> Peaks:
+        """Return all peaks of several sets, ordered by row, then column."""
+        one = Peaks(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Peaks)))
+        return one.select(np.lexsort((one.col, one.row)))
+
+
+def slope_along_rows(value: Float32s, mask: Mask, jump: float, radius: int) -> Float32s:
+    """Return how fast a map (h, w) changes from column to column, averaged over a window; NaN where nothing is known.
+
+    mask (h, w): where value is known. jump: a larger difference between neighbours is an edge of the scene and left
+    out. radius: half the width of the window in px.
+    """
+    step = np.diff(value, axis=1)
+    known = mask[:, 1:] & mask[:, :-1] & (np.abs(step) < jump)
+    window = (2 * radius + 1, _SLOPE_ROWS)
+    total, count = (
+        cv2.boxFilter(a.astype(np.float32), -1, window, normalize=False, borderType=cv2.BORDER_CONSTANT)
+        for a in (np.where(known, step, 0), known)
+    )
+    slope = np.full(value.shape, np.nan, dtype=np.float32)
+    # Below two thirds of a row's worth of neighbours the mean says nothing.
+    slope[:, :-1] = np.where(count > radius, total / np.maximum(count, 1), np.nan)
+    slope[:, -1] = slope[:, -2]
+    return slope
+
+
+def runs_along_rows(value: Float32s, mask: Mask, jump: float) -> bool:
+    """Tell whether a map (h, w) changes faster from column to column than from row to row."""
+    means: list[float] = []
+    for a, m in ((value, mask), (value.T, mask.T)):
+        step = np.abs(np.diff(a, axis=1))[m[:, 1:] & m[:, :-1]]
+        step = step[step < jump]
+        means.append(float(step.mean()) if step.size else 0.0)
+    return means[0] >= means[1]
+
+
+def find_peaks(picture: Float32s, noise: Float32s, scale: Float32s, spacing: Float32s) -> Peaks:
+    """Return the bright line centres of a picture (h, w): where its smoothed derivative falls through zero.
+
+    noise (h, w): 1 sigma of the picture. scale (h, w): sigma in px of the Gaussian whose derivative is used, NaN
+    where no line is looked for. spacing (h, w): px between lines, for the valleys.
+    Source: Blais and Rioux, Real-time numerical peak detector (1986), with a Gaussian derivative (Steger 1998).
+    """
+    with np.errstate(invalid="ignore"):
+        level = np.rint(np.log(np.maximum(scale, _SMALLEST_SCALE) / _SMALLEST_SCALE) / np.log(_SCALE_STEP))
+    parts = [
+        _peaks_at_scale(picture, noise, _SMALLEST_SCALE * _SCALE_STEP**k, level == k, spacing)
+        for k in np.unique(level[np.isfinite(level)])
+    ]
+    return Peaks.join(parts) if parts else _none()
+
+
+def _peaks_at_scale(picture: Float32s, noise: Float32s, scale: float, where: Mask, spacing: Float32s) -> Peaks:
+    reach = int(np.ceil(_REACH * scale))
+    kernel, _ = derivatives(np.arange(-reach, reach + 1), scale)
+    slope = cv2.filter2D(picture, cv2.CV_32F, kernel[None, :], borderType=cv2.BORDER_REPLICATE)
+    falls = (slope[:, :-1] > 0) & (slope[:, 1:] <= 0) & where[:, :-1]
+    falls[:, : reach + 1] = falls[:, -reach - 1 :] = False
+    row, left = np.nonzero(falls)
+    before, after = slope[row, left].astype(np.float64), slope[row, left + 1].astype(np.float64)
+    start = left + before / (before - after)
+    col, sigma = refined(picture, noise, row, start, scale, derivatives)
+    nearest = np.rint(col).astype(np.intp)
+    height = sample_row(picture, row, col)
+    half = spacing[row, left] / 2
+    valley = (sample_row(picture, row, col - half) + sample_row(picture, row, col + half)) / 2
+    local = noise[row, nearest].astype(np.float64)
+    found = Peaks(row, col, sigma, height, height - valley, local, np.full(len(row), np.nan))
+    return found.select(np.isfinite(sigma))
+
+
+def refined(
+    picture: Float32s, noise: Float32s, row: npt.NDArray[np.intp], start: Floats, scale: float, weights: Weights
+) -> tuple[Floats, Floats]:
+    """Return where a weighted sum of the pixels around `start` (m,) vanishes, and its 1 sigma in px.
+
+    NaN where it does not vanish. noise (h, w): 1 sigma of the picture. weights: `derivatives` for bright lines, `smoothers` for rising edges.
+    Newton's method with the kernel centred between the pixels: interpolating between sums taken at whole pixels
+    instead would pull every centre towards the nearer one, by up to 0.04 px.
+    """
+    reach = int(np.ceil(_REACH * scale))
+    at = np.rint(start).astype(np.intp)[:, None] + np.arange(-reach, reach + 1)
+    at = np.clip(at, 0, picture.shape[1] - 1)
+    values, doubts = picture[row[:, None], at], noise[row[:, None], at]
+    col, sigma = start.copy(), np.full(len(start), np.nan)
+    for _ in range(_NEWTON_STEPS):
+        kernel, slope = weights(at - col[:, None], scale)
+        pace = (values * slope).sum(axis=1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            col = np.where(pace < 0, col - np.clip((values * kernel).sum(axis=1) / pace, -0.5, 0.5), col)
+            sigma = np.where(pace < 0, np.sqrt((kernel**2 * doubts**2).sum(axis=1)) / -pace, np.nan)
+    sigma[np.abs(col - start) > 1] = np.nan
+    return np.clip(col, 0, picture.shape[1] - 1), sigma
+
+
+def derivatives(offset: npt.NDArray[Any], scale: float) -> tuple[Floats, Floats]:
+    """Return weights at px `offset` (..., n) from the centre, and how they change as the centre moves right.
+
+    Of the first derivative of the samples smoothed by a Gaussian of sigma `scale`, up to a common factor: it falls
+    through zero at the centre of a bright line.
+    """
+    square = (offset / scale) ** 2
+    bell = np.exp(-square / 2)
+    return offset * bell, (square - 1) * bell
+
+
+def smoothers(offset: npt.NDArray[Any], scale: float) -> tuple[Floats, Floats]:
+    """Return weights as `derivatives` does, of the negative of the smoothed samples: it falls where they rise."""
+    bell = np.exp(-((offset / scale) ** 2) / 2)
+    return -bell, -offset / scale**2 * bell
+
+
+def sample_row(picture: Float32s, row: npt.NDArray[np.intp], col: Floats) -> Floats:
+    """Return the values (m,) of a picture (h, w) at whole rows and fractional columns, by linear interpolation."""
+    last = picture.shape[1] - 1
+    col = np.clip(col, 0, last)
+    left = np.minimum(col.astype(np.intp), max(last - 1, 0))
+    share = col - left
+    return (1 - share) * picture[row, left] + share * picture[row, np.minimum(left + 1, last)]
+
+
+def _none() -> Peaks:
+    empty = np.empty(0)
+    return Peaks(np.empty(0, dtype=np.intp), empty, empty, empty, empty, empty, empty)
+
+
+def agreeing(peaks: Peaks, slope: Floats, limit: float) -> Mask:
+    """Tell which peaks (m,), ordered by row and column, go on smoothly to a neighbour in their row.
+
+    slope (m,): expected change of value per px; limit: see `joined`.
+    """
+    fits = joined(peaks, slope, limit)
+    return np.append(fits, False) | np.append(False, fits)
+
+
+def joined(peaks: Peaks, slope: Floats, limit: float) -> Mask:
+    """Tell which of the m - 1 pairs of neighbours in a list of m peaks belong to one smooth piece of a row.
+
+    Their values are at most `limit` px apart and change between half and twice as fast as expected, in the expected
+    direction: monotone, unique and evenly spaced.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.diff(peaks.value) / np.diff(peaks.col) / (slope[:-1] + slope[1:]) * 2
+    return (np.diff(peaks.row) == 0) & (np.abs(np.diff(peaks.value)) <= limit) & (ratio > 0.5) & (ratio < 2)
+
+
+def pace(peaks: Peaks, slope: Floats, limit: float) -> Floats:
+    """Return the change of value per px (m,) between the neighbours of each peak; `slope` (m,) where one is missing."""
+    result = slope.copy()
+    fits = joined(peaks, slope, limit)
+    inner = np.flatnonzero(fits[:-1] & fits[1:]) + 1
+    rise = peaks.value[inner + 1] - peaks.value[inner - 1]
+    result[inner] = rise / (peaks.col[inner + 1] - peaks.col[inner - 1])
+    return result
+
+
+def fill_between(peaks: Peaks, sigma: Floats, shape: tuple[int, int], limit: float) -> tuple[Float32s, Float32s]:
+    """Return maps (h, w) of value and sigma, interpolated along rows between neighbouring peaks; NaN elsewhere.
+
+    sigma (m,): of the value of each peak, px. limit: px of value; peaks further apart are not neighbours.
+    """
+    value_map, sigma_map = np.full(shape, np.nan, dtype=np.float32), np.full(shape, np.nan, dtype=np.float32)
+    rise = np.abs(np.diff(peaks.value))
+    pair = np.flatnonzero((np.diff(peaks.row) == 0) & (rise <= limit) & (rise > 0))
+    first = np.ceil(peaks.col[pair]).astype(np.intp)
+    counts = np.maximum(np.floor(peaks.col[pair + 1]).astype(np.intp) - first + 1, 0)
+    pair, first = np.repeat(pair, counts), np.repeat(first, counts)
+    col = first + np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+    share = (col - peaks.col[pair]) / (peaks.col[pair + 1] - peaks.col[pair])
+    row = peaks.row[pair]
+    value_map[row, col] = (1 - share) * peaks.value[pair] + share * peaks.value[pair + 1]
+    sigma_map[row, col] = np.hypot((1 - share) * sigma[pair], share * sigma[pair + 1])
+    return value_map, sigma_map

@@ -1,0 +1,219 @@
+"""Line shift: thin lines stepped across the scene, told apart by a coarse Gray code."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from slkit.codecs._footprint import VARIANCE, VARIANCE_DOUBT, displacement
+from slkit.codecs._gray_code import (
+    Axes,
+    Axis,
+    BitRule,
+    CellCode,
+    Mask,
+    Profile,
+    check_thresholds,
+    coded_axes,
+    constant,
+    patterns,
+    place,
+    possible,
+    probability,
+    profile_of,
+    read_cells,
+)
+from slkit.codecs._line_view import AxisPeaks, Coarse, View
+from slkit.codecs._masks import Light, Reader, collect, colors_at, measure_light
+from slkit.codecs._peaks import Peaks, find_peaks
+from slkit.data import Correspondences, Float32s, Frames, Image
+from slkit.errors import InputError
+from slkit.geometry import as_size
+from slkit.protocols import Bounds
+
+Read = Callable[[str], Float32s]
+Floats = npt.NDArray[np.floating[Any]]
+
+_OWN_SHARE = 0.5
+# Beyond this many px a change over one pixel is an edge, not a slope that can be corrected for.
+_LARGEST_SHIFT = 0.5
+
+
+@dataclass(frozen=True)
+class LineShift:
+    """A pattern of thin lines, `period` px apart, shown at each of its `period` shifts, after a Gray code of cells.
+
+    projector (width, height) px. axes: "x" finds columns, "y" rows, "both" columns and the row at each of them.
+    width: px a line; shift s lights position p where (p - s) mod period < width. cell: projector px a Gray cell, at most
+    half a period; inverse: each Gray pattern is followed by its inverse. peaks: "spatial" gives sub-pixel camera
+    positions of exact projector lines; "temporal" one value a camera pixel, from its own brightness over the shifts.
+    robust: decide bits by direct and global light.
+
+    Thresholds, all relative. min_snr: white - black in units of its noise, below it a pixel is unlit, and the same for
+    the contrast of a line; bit_snr: the difference that decides a bit, in units of its noise; min_contrast: a bit's
+    difference and a line's contrast as a share of white - black.
+
+    Errors: InputError where a parameter is out of range.
+    Source: Guhring, Dense 3-D surface acquisition by structured light using off-the-shelf components (2001).
+    """
+
+    projector: tuple[int, int]
+    axes: Axes = "x"
+    period: int = 6
+    width: int = 1
+    cell: int = 2
+    inverse: bool = True
+    peaks: Literal["spatial", "temporal"] = "spatial"
+    robust: bool = False
+    min_snr: float = 5.0
+    bit_snr: float = 3.0
+    min_contrast: float = 0.05
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "projector", as_size(self.projector, "projector"))
+        coded_axes(self.axes)
+        if self.period < 3:
+            raise InputError(f"period must be at least 3 px, not {self.period}")
+        if not 1 <= self.width < self.period:
+            raise InputError(f"width must be at least 1 and less than period ({self.period}), not {self.width}")
+        if not 1 <= self.cell <= self.period / 2:
+            raise InputError(f"cell must be at least 1 and at most half of period ({self.period}), not {self.cell}")
+        if self.peaks not in ("spatial", "temporal"):
+            raise InputError(f"peaks must be 'spatial' or 'temporal', not {self.peaks!r}")
+        check_thresholds(self.min_snr, self.bit_snr, self.min_contrast)
+
+    def encode(self) -> Frames:
+        """Return the patterns in display order: white, black, then for each axis its Gray code and its lines."""
+        profiles: dict[str, Profile] = {"white": constant(255), "black": constant(0)}
+        for axis in coded_axes(self.axes):
+            profiles |= self._code(axis).profiles()
+            position = np.arange(self._size(axis))
+            for shift, name in enumerate(self._line_names(axis)):
+                profiles[name] = profile_of((position - shift) % self.period < self.width, axis)
+        return patterns(profiles, self.projector)
+
+    def decode(self, frames: Frames, bounds: Bounds | None = None) -> Correspondences:
+        """Return the line centres, or one value a camera pixel where peaks is "temporal".
+
+        bounds (h, w, 4): Gray cells outside by more than one cell are ruled out.
+        Errors: InputError where frames do not fit the patterns, DecodeError where nothing is lit.
+        """
+        names = self._names()
+        reader = Reader(frames, names)
+        white, black = reader.color(0), reader.color(1)
+        light = measure_light(white, black, self.min_snr)
+
+        def read(name: str) -> Float32s:
+            return reader.grey(names.index(name))
+
+        if self.peaks == "temporal":
+            return self._decode_pixels(read, light, white, bounds)
+        return self._decode_peaks(read, light, white, bounds)
+
+    def lit(self, frames: Frames) -> Image:
+        """Return the fully lit picture (h, w): white."""
+        return Reader(frames, self._names()).color(0)
+
+    def _size(self, axis: Axis) -> int:
+        return self.projector[axis == "y"]
+
+    def _code(self, axis: Axis) -> CellCode:
+        return CellCode(axis, self._size(axis), self.cell, self.inverse)
+
+    def _line_names(self, axis: Axis) -> list[str]:
+        return [f"{axis}_line{shift}" for shift in range(self.period)]
+
+    def _names(self) -> list[str]:
+        names = [n for axis in coded_axes(self.axes) for n in self._code(axis).names() + self._line_names(axis)]
+        return ["white", "black", *names]
+
+    def _coarse(self, axis: Axis, read: Read, light: Light, bounds: Bounds | None) -> Coarse:
+        """Return what the Gray code of an axis says, known where it leaves one line of a shift to choose."""
+        code = self._code(axis)
+        cells = read_cells(code, read, light, BitRule(self.bit_snr, self.min_contrast, self.robust))
+        # As many unknown cells as leave the next line of the same shift outside, whatever side the true one lies on.
+        value, _, good = place(possible(cells, code, bounds), code, max(self.period // self.cell - 1, 1))
+        return Coarse(value, good & light.mask, cells.margin)
+
+    def _nearest_line(self, coarse: Floats, offset: Floats) -> tuple[Floats, Mask]:
+        """Return the position offset + whole periods nearest to a coarse one, and whether it is near enough to trust.
+
+        Right as long as the coarse position errs by less than half a period.
+        """
+        value = offset + self.period * np.rint((coarse - offset) / self.period)
+        return value, np.abs(coarse - value) <= self.period / 2 - 1
+
+    def _decode_peaks(self, read: Read, light: Light, white: Image, bounds: Bounds | None) -> Correspondences:
+        x, *others = [self._peaks(axis, read, light, bounds) for axis in coded_axes(self.axes)]
+        camera_xy = x.camera_xy
+        projector_xy = np.full(camera_xy.shape, np.nan)
+        spread = projector_xy.copy()
+        i = 0 if self.axes != "y" else 1
+        projector_xy[:, i], spread[:, i] = x.peaks.value, x.sigma
+        for y in others:
+            projector_xy[:, 1], spread[:, 1] = y.at(camera_xy, light.mask.shape)
+        keep = np.isfinite(projector_xy).all(axis=1) if others else np.ones(len(x.sigma), dtype=bool)
+        found = (a[keep].astype(np.float32) for a in (camera_xy, projector_xy, spread, x.confidence))
+        camera_xy, projector_xy, spread, confidence = found
+        return Correspondences(camera_xy, projector_xy, spread, confidence, colors_at(white, camera_xy))
+
+    def _peaks(self, axis: Axis, read: Read, light: Light, bounds: Bounds | None) -> AxisPeaks:
+        coarse = self._coarse(axis, read, light, bounds)
+        view = View.across(coarse, light, self.period, self.cell)
+        scale, spacing = view.line_scale(self.width, self.period), view.stretch * self.period
+        best = np.zeros(view.slope.shape, dtype=np.float32)
+        parts: list[Peaks] = []
+        for shift, name in enumerate(self._line_names(axis)):
+            picture, noise = view.normalized(read(name))
+            best = np.maximum(best, picture)
+            peaks = find_peaks(picture, noise, scale, spacing)
+            parts.append(self._labelled(peaks, view, shift, self._size(axis)))
+        peaks = Peaks.join(parts)
+        # A line shines brightest in its own picture; a ghost of it, scattered by the scene, does not.
+        peaks = peaks.select(peaks.height >= _OWN_SHARE * best[peaks.row, peaks.nearest])
+        return view.consistent(view.centered(peaks, self.period), self.period)
+
+    def _labelled(self, peaks: Peaks, view: View, shift: int, size: int) -> Peaks:
+        reach = (self.width - 1) / 2
+        offset = np.full(len(peaks), shift + reach)
+        value, near = self._nearest_line(view.coarse.value[peaks.row, peaks.nearest].astype(np.float64), offset)
+        strong = peaks.contrast > np.maximum(self.min_contrast, self.min_snr * peaks.noise)
+        whole = (value - reach >= 0) & (value + reach <= size - 1)
+        return replace(peaks, value=value).select(near & strong & whole & view.coarse.known[peaks.row, peaks.nearest])
+
+    def _decode_pixels(self, read: Read, light: Light, white: Image, bounds: Bounds | None) -> Correspondences:
+        shape = (*light.mask.shape, 2)
+        projector_xy, sigma = np.full(shape, np.nan, dtype=np.float32), np.full(shape, np.nan, dtype=np.float32)
+        keep, margin = light.mask.copy(), np.full(light.mask.shape, np.inf, dtype=np.float32)
+        for axis in coded_axes(self.axes):
+            i = 0 if axis == "x" else 1
+            coarse = self._coarse(axis, read, light, bounds)
+            phase, snr = self._harmonic(axis, read, light)
+            value, near = self._nearest_line(coarse.value, phase)
+            good = coarse.known & near & (snr > self.min_snr * np.sqrt(2 / self.period))
+            noise = np.sqrt(2 / self.period) * self.period / (2 * np.pi) / np.maximum(snr, 1e-3)
+            shift = displacement(value, good, light.span, self.period / 2)
+            projector_xy[..., i] = value - VARIANCE * np.clip(shift, -_LARGEST_SHIFT, _LARGEST_SHIFT)
+            sigma[..., i] = np.hypot(noise, VARIANCE_DOUBT * shift)
+            keep &= good
+            margin = np.minimum(margin, coarse.margin)
+        return collect(keep, projector_xy, sigma, probability(margin), white)
+
+    def _harmonic(self, axis: Axis, read: Read, light: Light) -> tuple[Float32s, Float32s]:
+        """Return the position in px within a period, and amplitude over noise, of the first harmonic over the shifts.
+
+        (h, w) each. A line's brightness over the shifts is even about its centre, so that the phase is its position.
+        """
+        total = np.zeros(light.low.shape, dtype=np.complex64)
+        level = np.zeros(light.low.shape, dtype=np.float32)
+        for shift, name in enumerate(self._line_names(axis)):
+            picture = read(name)
+            total += picture * np.complex64(np.exp(2j * np.pi * shift / self.period))
+            level += picture / self.period
+        amplitude = np.abs(total) * (2 / self.period)
+        phase = np.angle(total) * (self.period / (2 * np.pi)) + (self.width - 1) / 2
+        return phase.astype(np.float32), (amplitude / light.noise(level)).astype(np.float32)

@@ -1,0 +1,107 @@
+"""Clouds as the bytes of a file, and back for viewing."""
+
+from __future__ import annotations
+
+import io
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from slkit.data import PointCloud
+from slkit.errors import FileError
+
+_GREY = 0.7
+
+
+def ply(cloud: PointCloud) -> bytes:
+    """Return a binary little-endian PLY: float x y z in mm, uchar red green blue, float sigma_mm residual_px.
+
+    A cloud with normals adds float nx ny nz. Points that are NaN are left out; a sigma or residual may be NaN.
+    """
+    from plyfile import PlyData, PlyElement
+
+    cloud = cloud.select(cloud.finite)
+    columns: dict[str, npt.NDArray[Any]] = dict(zip("xyz", cloud.xyz.T, strict=True))
+    if cloud.normals is not None:
+        columns |= dict(zip(("nx", "ny", "nz"), cloud.normals.T, strict=True))
+    columns |= dict(zip(("red", "green", "blue"), _bytes(cloud.color).T, strict=True))
+    columns |= {"sigma_mm": cloud.sigma_mm, "residual_px": cloud.residual_px}
+    rows = np.empty(len(cloud), dtype=[(name, values.dtype) for name, values in columns.items()])
+    for name, values in columns.items():
+        rows[name] = values
+    comments = ["units millimetres", "frame camera: x right, y down, z forward"]
+    file = io.BytesIO()
+    PlyData([PlyElement.describe(rows, "vertex")], text=False, byte_order="<", comments=comments).write(file)
+    return file.getvalue()
+
+
+def xyz(cloud: PointCloud) -> bytes:
+    """Return a text file with one point a line, x y z in mm with four decimals; points that are NaN are left out."""
+    there = cloud.xyz[cloud.finite]
+    file = io.BytesIO()
+    np.savetxt(file, there, fmt="%.4f")
+    return file.getvalue()
+
+
+def read_ply(data: bytes) -> PointCloud:
+    """Return the cloud of a PLY file, one of slkit's or a stranger's, text or binary.
+
+    It needs x y z; where there is no red green blue the points are grey, where there is no sigma_mm or residual_px
+    they are NaN, as camera_xy always is. Points that are not finite are left out.
+    Errors: FileError where the bytes are no PLY, are damaged, or hold no points with x y z.
+    """
+    vertices = _vertices(data)
+    columns = _number_columns(vertices)
+    if not {"x", "y", "z"} <= columns.keys():
+        raise FileError("the PLY file has no vertices with x, y and z: it cannot be read as a point cloud")
+    points = _together(columns, ("x", "y", "z"))
+    count = len(points)
+    nothing = np.full(count, np.nan, dtype=np.float32)
+    color = np.full((count, 3), _GREY, dtype=np.float32)
+    if {"red", "green", "blue"} <= columns.keys():
+        color = np.stack([_fraction(columns[c]) for c in ("red", "green", "blue")], axis=1)
+    cloud = PointCloud(
+        points,
+        color,
+        columns.get("sigma_mm", nothing),
+        columns.get("residual_px", nothing),
+        np.full((count, 2), np.nan, dtype=np.float32),
+        _together(columns, ("nx", "ny", "nz")) if {"nx", "ny", "nz"} <= columns.keys() else None,
+    )
+    return cloud.select(cloud.finite)
+
+
+def _vertices(data: bytes) -> npt.NDArray[Any]:
+    from plyfile import PlyData
+
+    if not data.startswith(b"ply"):
+        raise FileError("this is not a PLY file: its first line is not `ply`")
+    try:
+        found: Any = PlyData.read(io.BytesIO(data))
+        return np.asarray(found["vertex"].data)
+    except KeyError as error:
+        raise FileError("the PLY file has no vertices: it cannot be read as a point cloud") from error
+    # A damaged header can ask for anything: plyfile answers with whatever NumPy raised.
+    except Exception as error:
+        raise FileError(f"the PLY file is damaged and cannot be read ({error}): write it again") from error
+
+
+def _number_columns(vertices: npt.NDArray[Any]) -> dict[str, npt.NDArray[Any]]:
+    names = vertices.dtype.names or ()
+    return {n: vertices[n] for n in names if vertices[n].dtype.kind in "iuf"}
+
+
+def _together(columns: dict[str, npt.NDArray[Any]], names: tuple[str, ...]) -> npt.NDArray[np.float32]:
+    with np.errstate(over="ignore"):  # a double beyond float32 becomes infinite, and is left out
+        return np.stack([columns[name].astype(np.float32) for name in names], axis=1)
+
+
+def _fraction(values: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
+    """Return colours 0 to 1: whole numbers are shares of their type's largest value."""
+    scale = float(np.iinfo(values.dtype).max) if values.dtype.kind in "iu" else 1.0
+    return np.clip(np.nan_to_num(values.astype(np.float64) / scale, nan=_GREY), 0, 1).astype(np.float32)
+
+
+def _bytes(color: npt.NDArray[np.float32]) -> npt.NDArray[np.uint8]:
+    return np.rint(255 * np.clip(np.nan_to_num(color, nan=_GREY), 0, 1)).astype(np.uint8)

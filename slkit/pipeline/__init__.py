@@ -1,0 +1,30 @@
+"""The straight line, as functions a notebook would call: patterns, calibration, scan, simulation, view.
+
+None of them prints. `progress`, where a function takes it, is told what is being done, how many steps are done, and how
+many there are.
+"""
+
+from slkit.pipeline._calibrating import CalibrationTask, calibrate, load_calibration, provenance
+from slkit.pipeline._patterns import load_codec, patterns, projected_checkerboard, recipe_codec
+from slkit.pipeline._scanning import ScanResult, bounds, exporter, make_filters, scan, view, write_cloud
+from slkit.pipeline._simulating import simulate_calibration, simulate_scan
+
+__all__ = [
+    "CalibrationTask",
+    "ScanResult",
+    "bounds",
+    "calibrate",
+    "exporter",
+    "load_calibration",
+    "load_codec",
+    "make_filters",
+    "patterns",
+    "projected_checkerboard",
+    "provenance",
+    "recipe_codec",
+    "scan",
+    "simulate_calibration",
+    "simulate_scan",
+    "view",
+    "write_cloud",
+]

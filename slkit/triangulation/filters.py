@@ -1,0 +1,96 @@
+"""What to throw away after triangulation, each test by name and relative to the cloud itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from slkit.data import PointCloud
+from slkit.errors import InputError
+
+_SMALLEST_RESIDUAL_PX = 1e-3  # what float32 pixel coordinates leave of a perfect pair
+_NEIGHBORS = 10
+_MEDIAN_OF_HALF_NORMAL = 0.6745
+
+
+@dataclass(frozen=True)
+class Filters:
+    """The tests a point must pass; each is off only where its name is set to False.
+
+    residual: residual_px at most residual_factor standard deviations, estimated as the cloud's median / 0.6745. Points
+    without a residual (one coded axis) pass.
+    sigma: sigma_mm at most sigma_factor times the cloud's median; points without a sigma pass.
+    depth: z inside the range given to `apply`; passes everything without one.
+    isolated: the distance to the tenth neighbour at most isolated_factor times the median of the same distance among
+    those ten neighbours, and, as an angle seen from the camera, at most remote_factor times the cloud's median. The
+    first compares a point with its own surroundings and takes strays near a surface, up to five together; the second
+    takes strays that have only one another. Thin wires and scans whose lines are far apart pass both.
+    Errors: InputError where a factor is not positive.
+    """
+
+    residual: bool = True
+    sigma: bool = True
+    depth: bool = True
+    isolated: bool = True
+    residual_factor: float = 5.0
+    sigma_factor: float = 5.0
+    isolated_factor: float = 4.0
+    remote_factor: float = 10.0
+
+    def __post_init__(self) -> None:
+        for name in ("residual_factor", "sigma_factor", "isolated_factor", "remote_factor"):
+            if not getattr(self, name) > 0:
+                raise InputError(f"{name} must be positive, not {getattr(self, name)}")
+
+    def apply(
+        self, cloud: PointCloud, depth_mm: tuple[float, float] | None = None
+    ) -> tuple[PointCloud, dict[str, int]]:
+        """Return the points that pass, and how many each test removed, in the order depth, residual, sigma, isolated.
+
+        depth_mm: smallest and largest z in mm, or None. Points that are NaN are removed before, and counted as
+        "no_point" where there are any. Errors: InputError where depth_mm is not a range.
+        """
+        if depth_mm is not None and not depth_mm[0] < depth_mm[1]:
+            raise InputError(f"the depth range must go from near to far, not from {depth_mm[0]} to {depth_mm[1]} mm")
+        there = cloud.finite
+        removed = {} if there.all() else {"no_point": int((~there).sum())}
+        cloud = cloud.select(there)
+        for name in ("depth", "residual", "sigma", "isolated"):
+            if getattr(self, name):
+                keep = self._passes(name, cloud, depth_mm)
+                removed[name] = int((~keep).sum())
+                cloud = cloud.select(keep)
+        return cloud, removed
+
+    def _passes(self, name: str, cloud: PointCloud, depth_mm: tuple[float, float] | None) -> npt.NDArray[np.bool_]:
+        if name == "depth":
+            low, high = depth_mm or (-np.inf, np.inf)
+            return (cloud.xyz[:, 2] >= low) & (cloud.xyz[:, 2] <= high)
+        if name == "residual":
+            limit = self.residual_factor / _MEDIAN_OF_HALF_NORMAL * _median(cloud.residual_px)
+            return ~(cloud.residual_px > max(limit, _SMALLEST_RESIDUAL_PX))
+        if name == "sigma":
+            return ~(cloud.sigma_mm > self.sigma_factor * _median(cloud.sigma_mm))
+        return self._in_company(cloud.xyz)
+
+    def _in_company(self, xyz: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
+        if len(xyz) <= _NEIGHBORS:
+            return np.ones(len(xyz), dtype=bool)
+        from scipy.spatial import KDTree
+
+        tree: Any = KDTree(xyz)
+        distances, neighbors = tree.query(xyz, k=_NEIGHBORS + 1, workers=-1)
+        reach = distances[:, -1]
+        # Spacing grows with distance from the camera, so the comparison with the whole cloud is by angle.
+        angle = reach / np.linalg.norm(xyz, axis=1)
+        near = reach <= self.isolated_factor * np.median(reach[neighbors[:, 1:]], axis=1)
+        return near & (angle <= self.remote_factor * np.median(angle))
+
+
+def _median(values: npt.NDArray[np.float32]) -> float:
+    """Return the median of the finite values, infinity where there are none."""
+    finite = values[np.isfinite(values)]
+    return float(np.median(finite)) if len(finite) else np.inf
