@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from slkit.calibration.solve import Array, rms
+from slkit.calibration._parameters import Array, rms
 from slkit.data import BoardView, Calibration, Finding, Verdict, ViewResult
 from slkit.geometry import Rig
 

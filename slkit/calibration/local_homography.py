@@ -15,8 +15,10 @@ import numpy as np
 import numpy.typing as npt
 
 from slkit.calibration import solve
+from slkit.calibration._parameters import DEFAULT_DISTORTION, check_distortion
 from slkit.calibration._results import calibration
 from slkit.calibration.detect import Corners, find_checkerboard, spacing_of, to_8bit
+from slkit.calibration.joint import points_of, refine, residuals_of
 from slkit.data import BoardView, Calibration, Capture, Correspondences
 from slkit.errors import CalibrationError, InputError
 from slkit.geometry import Rig, as_size
@@ -39,13 +41,13 @@ class LocalHomography:
     projector: tuple[int, int]
     printed: Checkerboard
     window: float = 0.5
-    camera_distortion: tuple[str, ...] = solve.DEFAULT_DISTORTION
-    projector_distortion: tuple[str, ...] = solve.DEFAULT_DISTORTION
+    camera_distortion: tuple[str, ...] = DEFAULT_DISTORTION
+    projector_distortion: tuple[str, ...] = DEFAULT_DISTORTION
 
     def __post_init__(self) -> None:
         as_size(self.projector, "projector")
-        solve.check_distortion(self.camera_distortion, "camera_distortion")
-        solve.check_distortion(self.projector_distortion, "projector_distortion")
+        check_distortion(self.camera_distortion, "camera_distortion")
+        check_distortion(self.projector_distortion, "projector_distortion")
         if not 0.1 <= self.window <= 2:
             raise InputError(f"window must lie between 0.1 and 2 squares, not {self.window}")
 
@@ -65,19 +67,19 @@ class LocalHomography:
         if len(used) < 2:
             raise CalibrationError(f"{len(used)} usable views of the board, but at least two are needed")
         fit = solve.calibrate_camera(used, used[0].image_size, self.camera_distortion)
-        points = [solve.points_of(fit.camera, p, v)[v.projected] for p, v in zip(fit.poses, used, strict=True)]
+        points = [points_of(fit.camera, p, v)[v.projected] for p, v in zip(fit.poses, used, strict=True)]
         pixels = [v.projector_xy[v.projected] for v in used]
         start = solve.solve_projector(
             np.concatenate(points), np.concatenate(pixels), self.projector, self.projector_distortion
         )
         rough = Rig(fit.camera, start.projector, start.projector_from_camera)
-        refined = solve.refine(rough, fit.poses, used, self.camera_distortion, self.projector_distortion)
+        refined = refine(rough, fit.poses, used, self.camera_distortion, self.projector_distortion)
 
         boards = [v.board_xy[v.projected] for v in used]
         alone = solve.calibrate_alone(boards, pixels, refined.rig.projector, self.projector_distortion)
-        camera_alone = [solve.residuals_of(rough, p, v)[0] for p, v in zip(fit.poses, used, strict=True)]
+        camera_alone = [residuals_of(rough, p, v)[0] for p, v in zip(fit.poses, used, strict=True)]
         own = {v.name: pair for v, *pair in zip(used, camera_alone, alone, strict=True)}
-        joint = {v.name: solve.residuals_of(refined.rig, p, v) for p, v in zip(refined.poses, used, strict=True)}
+        joint = {v.name: residuals_of(refined.rig, p, v) for p, v in zip(refined.poses, used, strict=True)}
         residuals = {name: (camera, projector) for name, (camera, projector) in own.items()}
         return calibration(
             "local-homography", refined.rig, views, residuals, joint, refined.parameters, refined.covariance

@@ -19,6 +19,10 @@ _DARK = 8.0
 """Grey level of the stretched picture below which darkness is not told apart."""
 _MIN_CONTRAST = 0.3
 """Smallest difference between a mark's white and black cells, as a share of the white."""
+# Places of a mark in cells. They reach near the outline, so that a mark stretched by a wrong homography fails.
+_BLACK = np.array([[s * x, s * y] for s in (-1, 1) for x, y in ((0.5, 0.5), (0.75, 0.75), (0.75, 0.25), (0.25, 0.75))])
+_WHITE = _BLACK * [1, -1]
+_AROUND = np.array([[s * x, t * y] for s in (-1, 1) for t in (-1, 1) for x, y in ((1.4, 0.5), (0.5, 1.4))])
 
 
 def find_marks(image: npt.NDArray[np.uint8], target: CornerMarks) -> Points | None:
@@ -105,17 +109,14 @@ def _homography(target: CornerMarks, quad: Points) -> npt.NDArray[np.float64]:
 
 def _score(smooth: npt.NDArray[np.float32], homography: npt.NDArray[np.float64], target: CornerMarks) -> float:
     """Return the smallest contrast of a mark under a proposed homography; 0 where a mark is not as drawn."""
-    cell = target.cell_mm
-    black = np.array([[-0.5, -0.5], [0.5, 0.5]]) * cell
-    white = np.array([[0.5, -0.5], [-0.5, 0.5], [-1.6, -0.6], [-0.6, -1.6], [1.6, 0.6], [0.6, 1.6]]) * cell
-    places = target.points()[:, None] + np.concatenate([black, white])[None]
+    places = target.points()[:, None] + np.concatenate([_BLACK, _WHITE, _AROUND])[None] * target.cell_mm
     values = _sample(smooth, np.asarray(cv2.perspectiveTransform(places, homography)))
-    if np.isnan(values[:, :4]).any():
+    dark, bright, around = np.split(values, [len(_BLACK), len(_BLACK) + len(_WHITE)], axis=1)
+    if np.isnan(dark).any() or np.isnan(bright).any():
         return 0.0
-    dark, bright = values[:, :2].max(axis=1), values[:, 2:4].min(axis=1)
     # White paper must surround a mark; where the picture ends there it cannot be asked for.
-    around = np.where(np.isnan(values[:, 4:]), np.inf, values[:, 4:]).min(axis=1)
-    return float(((np.minimum(bright, around) - dark) / np.maximum(bright, 1)).min())
+    paper = np.minimum(bright.min(axis=1), np.where(np.isnan(around), np.inf, around).min(axis=1))
+    return float(((paper - dark.max(axis=1)) / np.maximum(bright.max(axis=1), 1)).min())
 
 
 def _sample(smooth: npt.NDArray[np.float32], points: npt.NDArray[Any]) -> npt.NDArray[np.float32]:

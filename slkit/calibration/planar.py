@@ -13,8 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from slkit.calibration import solve
+from slkit.calibration._parameters import DEFAULT_DISTORTION, check_distortion
 from slkit.calibration._results import calibration
 from slkit.calibration.detect import find_checkerboard, find_projected, to_8bit
+from slkit.calibration.joint import points_of, residuals_of
 from slkit.calibration.marks import find_marks
 from slkit.data import BoardView, Calibration, Capture, Image, describe_image
 from slkit.errors import CalibrationError
@@ -38,13 +40,13 @@ class Planar:
     printed: Checkerboard
     marks: CornerMarks
     projected: ProjectedCheckerboard
-    camera_distortion: tuple[str, ...] = solve.DEFAULT_DISTORTION
-    projector_distortion: tuple[str, ...] = solve.DEFAULT_DISTORTION
+    camera_distortion: tuple[str, ...] = DEFAULT_DISTORTION
+    projector_distortion: tuple[str, ...] = DEFAULT_DISTORTION
 
     def __post_init__(self) -> None:
         as_size(self.projector, "projector")
-        solve.check_distortion(self.camera_distortion, "camera_distortion")
-        solve.check_distortion(self.projector_distortion, "projector_distortion")
+        check_distortion(self.camera_distortion, "camera_distortion")
+        check_distortion(self.projector_distortion, "projector_distortion")
 
     def observe(self, captures: Sequence[Capture]) -> list[BoardView]:
         """Return one view a capture: printed corners of side A, or marks and projected corners of side B.
@@ -69,14 +71,14 @@ class Planar:
         placed = [_placed(fit.camera, v) for v in white]
         white = [v for v, _ in placed]
         poses = {v.name: pose for v, pose in placed}
-        points = {v.name: solve.points_of(fit.camera, poses[v.name], v) for v in white}
+        points = {v.name: points_of(fit.camera, poses[v.name], v) for v in white}
         xyz = np.concatenate([points[v.name][v.projected] for v in white])
         pixels = np.concatenate([v.projector_xy[v.projected] for v in white])
         projector = solve.solve_projector(xyz, pixels, self.projector, self.projector_distortion)
         rig = Rig(fit.camera, projector.projector, projector.projector_from_camera)
 
-        joint = {v.name: solve.residuals_of(rig, p, v) for v, p in zip(printed, fit.poses, strict=True)}
-        joint |= {v.name: solve.residuals_of(rig, poses[v.name], v) for v in white}
+        joint = {v.name: residuals_of(rig, p, v) for v, p in zip(printed, fit.poses, strict=True)}
+        joint |= {v.name: residuals_of(rig, poses[v.name], v) for v in white}
         boards = [poses[v.name].inverse().apply(points[v.name][v.projected])[:, :2] for v in white]
         alone = solve.calibrate_alone(
             boards, [v.projector_xy[v.projected] for v in white], rig.projector, self.projector_distortion

@@ -1,27 +1,32 @@
-"""From board views to lenses and poses: Zhang's camera, the projector's DLT, and least squares over both.
-
-Angles and lengths of a pose are refined as a small motion in front of it, so that no rotation is singular.
-"""
+"""From board views to lenses and poses: Zhang's camera, board poses, the projector by DLT and least squares."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
+from slkit.calibration._parameters import (
+    DEFAULT_DISTORTION,
+    DISTORTION_NAMES,
+    Array,
+    Device,
+    check_distortion,
+    covariance_of,
+    homogeneous_zero,
+    moved_pose,
+    pose_names,
+    pose_scale,
+    rms,
+)
 from slkit.data import BoardView
 from slkit.errors import CalibrationError, InputError
-from slkit.geometry import Pinhole, Pose, Rig, as_size, homogeneous, intersect_plane
+from slkit.geometry import Pinhole, Pose, as_size, homogeneous
 
-Array = npt.NDArray[np.float64]
-DISTORTION_NAMES = ("k1", "k2", "p1", "p2", "k3")
-DEFAULT_DISTORTION = ("k1", "k2", "p1", "p2")
-_STEP = 1e-6
-"""Step of the numerical derivatives, in units of each value's scale."""
 _SAME_DEG = 1.0
 """Refinement often takes both planar solutions to one pose; closer than this they are one."""
 _CRITERIA = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 200, 1e-9)
@@ -59,31 +64,6 @@ class CameraFit:
     covariance: Array
 
 
-@dataclass(frozen=True, eq=False)
-class Refined:
-    """The result of `refine`: the rig, one pose camera_from_board a view, and the covariance of the named values."""
-
-    rig: Rig
-    poses: tuple[Pose, ...]
-    parameters: tuple[str, ...]
-    covariance: Array
-
-
-def rms(residual_xy: Array) -> float:
-    """Return sqrt(mean(dx^2 + dy^2)) of residuals (m, 2) px, NaN without residuals."""
-    return float(np.sqrt((residual_xy**2).sum(axis=1).mean())) if len(residual_xy) else float("nan")
-
-
-def check_distortion(free: Sequence[str], name: str) -> None:
-    """Refuse unknown distortion coefficients. Errors: InputError naming the field `name`."""
-    for coefficient in free:
-        if coefficient not in DISTORTION_NAMES:
-            known = ", ".join(DISTORTION_NAMES)
-            raise InputError(f"{name}: there is no coefficient {coefficient!r}; there are {known}")
-    if ("p1" in free) != ("p2" in free):
-        raise InputError(f"{name}: p1 and p2 are estimated together or not at all")
-
-
 def calibrate_camera(
     views: Sequence[BoardView], size: tuple[int, int], free: Sequence[str] = DEFAULT_DISTORTION
 ) -> CameraFit:
@@ -106,7 +86,7 @@ def calibrate_camera(
         )
     except cv2.error as error:
         raise CalibrationError(f"the camera cannot be calibrated from these {len(views)} views: {error.err}") from error
-    camera = Pinhole(size, _float64(matrix), _float64(distortion).ravel()[:5])
+    camera = Pinhole(size, np.asarray(matrix, dtype=np.float64), np.ravel(np.asarray(distortion, dtype=np.float64))[:5])
     poses = tuple(Pose.from_rotation_vector(np.ravel(r), np.ravel(t)) for r, t in zip(turns, shifts, strict=True))
     names = tuple(f"camera.{n}" for n in ("fx", "fy", "cx", "cy", *(n for n in DISTORTION_NAMES if n in free)))
     motions = list(zip(objects, turns, shifts, strict=True))
@@ -128,7 +108,7 @@ def _camera_covariance(
         block[:, count + 6 * i : count + 6 * i + 6] = jacobian[:, :6]
         blocks.append(block)
         errors.append((found.reshape(-1, 2) - seen).ravel())
-    return _covariance(np.concatenate(blocks), np.concatenate(errors))[:count, :count]
+    return covariance_of(np.concatenate(blocks), np.concatenate(errors))[:count, :count]
 
 
 def calibrate_alone(
@@ -186,9 +166,9 @@ def _refine_pose(camera: Pinhole, points: Array, camera_xy: Array, start: Pose) 
     from scipy.optimize import least_squares
 
     def residuals(motion: Array) -> Array:
-        return np.nan_to_num(camera.project(_moved(start, motion).apply(points)) - camera_xy, nan=1e6).ravel()
+        return np.nan_to_num(camera.project(moved_pose(start, motion).apply(points)) - camera_xy, nan=1e6).ravel()
 
-    return _moved(start, least_squares(residuals, np.zeros(6), x_scale=_pose_scale(start), method="lm").x)
+    return moved_pose(start, least_squares(residuals, np.zeros(6), x_scale=pose_scale(start), method="lm").x)
 
 
 def solve_projector(
@@ -214,12 +194,12 @@ def solve_projector(
         raise InputError(f"camera_xyz has {len(xyz)} points, but projector_xy has {len(pixels)}")
     known = np.isfinite(xyz).all(axis=1) & np.isfinite(pixels).all(axis=1)
     start = linear_projector(xyz[known], pixels[known], size)
-    device = _Device("projector", start.projector, tuple(distortion))
+    device = Device("projector", start.projector, tuple(distortion))
     pose = start.projector_from_camera
-    scale = np.concatenate([device.scale, _pose_scale(pose)])
+    scale = np.concatenate([device.scale, pose_scale(pose)])
 
     def split(values: Array) -> tuple[Pinhole, Pose]:
-        return device.at(values[:-6]), _moved(pose, values[-6:])
+        return device.at(values[:-6]), moved_pose(pose, values[-6:])
 
     def residuals(values: Array) -> Array:
         lens, moved = split(values)
@@ -230,10 +210,8 @@ def solve_projector(
     lens, moved = split(found.x)
     residual = np.full(pixels.shape, np.nan)
     residual[known] = found.fun.reshape(-1, 2)
-    covariance = _covariance(found.jac, found.fun)
-    return ProjectorFit(
-        lens, moved, residual[known], (*device.names, *_pose_names("projector_from_camera")), covariance
-    )
+    covariance = covariance_of(found.jac, found.fun)
+    return ProjectorFit(lens, moved, residual[known], (*device.names, *pose_names("projector_from_camera")), covariance)
 
 
 def linear_projector(xyz: Array, pixels: Array, size: tuple[int, int]) -> ProjectorFit:
@@ -270,143 +248,6 @@ def linear_projector(xyz: Array, pixels: Array, size: tuple[int, int]) -> Projec
     projector, pose = Pinhole(size, matrix, np.zeros(5)), Pose(turn, translation)
     residual = projector.project(pose.apply(xyz)) - pixels
     return ProjectorFit(projector, pose, residual, (), np.empty((0, 0)))
-
-
-def refine(
-    rig: Rig,
-    poses: Sequence[Pose],
-    views: Sequence[BoardView],
-    camera_free: Sequence[str],
-    projector_free: Sequence[str],
-) -> Refined:
-    """Return camera, projector, their pose and all board poses refined together on all residuals of the views.
-
-    poses: camera_from_board, one a view. The residuals are those of `residuals_of`, in px, unweighted: what
-    cv2.stereoCalibrate minimises, with the principal points free to leave the images.
-    """
-    from scipy.optimize import least_squares
-
-    camera, projector = _Device("camera", rig.camera, camera_free), _Device("projector", rig.projector, projector_free)
-    shared = len(camera.values) + len(projector.values) + 6
-
-    def split(values: Array) -> tuple[Rig, list[Pose]]:
-        lenses, motion, placed = np.split(values, [shared - 6, shared])
-        lens, light = np.split(lenses, [len(camera.values)])
-        moved = Rig(camera.at(lens), projector.at(light), _moved(rig.projector_from_camera, motion))
-        return moved, [_moved(p, m) for p, m in zip(poses, placed.reshape(-1, 6), strict=True)]
-
-    def residuals(values: Array) -> list[Array]:
-        moved, placed = split(values)
-        pairs = [residuals_of(moved, pose, view) for pose, view in zip(placed, views, strict=True)]
-        return [np.nan_to_num(np.concatenate(pair).ravel(), nan=1e6) for pair in pairs]
-
-    motions = [_pose_scale(p) for p in (rig.projector_from_camera, *poses)]
-    scale = np.concatenate([camera.scale, projector.scale, *motions])
-    found = least_squares(
-        lambda values: np.concatenate(residuals(values)),
-        np.concatenate([camera.values, projector.values, np.zeros(6 + 6 * len(poses))]),
-        jac=lambda values: _bordered_jacobian(residuals, values, scale, shared),
-        x_scale=scale,
-        xtol=1e-12,
-        ftol=1e-10,
-    )
-    refined, placed = split(found.x)
-    names = (*camera.names, *projector.names, *_pose_names("projector_from_camera"))
-    covariance = _covariance(found.jac, found.fun)[: len(names), : len(names)]
-    return Refined(refined, tuple(placed), names, covariance)
-
-
-def _bordered_jacobian(residuals: Callable[[Array], list[Array]], values: Array, scale: Array, shared: int) -> Array:
-    """Return the Jacobian of residuals that come one array a view, by central differences.
-
-    The first `shared` values act on every view, then six a view act on that view alone: these are shifted together.
-    """
-    steps = _STEP * scale
-    ends = np.cumsum([len(r) for r in residuals(values)])
-    jacobian = np.zeros((ends[-1], len(values)))
-    for k in range(shared + 6):
-        columns = [k] if k < shared else list(range(k, len(values), 6))
-        shift = np.zeros(len(values))
-        shift[columns] = steps[columns]
-        pairs = zip(residuals(values + shift), residuals(values - shift), strict=True)
-        for view, (above, below) in enumerate(pairs):
-            column = k if k < shared else columns[view]
-            jacobian[ends[view] - len(above) : ends[view], column] = (above - below) / (2 * steps[column])
-    return jacobian
-
-
-def residuals_of(rig: Rig, pose: Pose, view: BoardView) -> tuple[Array, Array]:
-    """Return camera residuals (n, 2) px of the printed rows and projector residuals (m, 2) px of the projected rows.
-
-    pose: camera_from_board, shared by both devices. A projected row that is not printed lies where its camera ray
-    meets the board.
-    """
-    printed, projected = view.printed, view.projected
-    camera = rig.camera.project(pose.apply(homogeneous_zero(view.board_xy[printed]))) - view.camera_xy[printed]
-    if not projected.any():
-        return camera, np.empty((0, 2))
-    xyz = points_of(rig.camera, pose, view)[projected]
-    return camera, rig.to_projector(xyz) - view.projector_xy[projected]
-
-
-def points_of(camera: Pinhole, pose: Pose, view: BoardView) -> Array:
-    """Return the camera-frame points (n, 3) mm of a view's rows: on the board where printed, else by their ray."""
-    printed = view.printed
-    normal = pose.rotation[:, 2]
-    rays = homogeneous(camera.normalize(view.camera_xy[~printed]))
-    points = np.empty((len(printed), 3))
-    points[printed] = pose.apply(homogeneous_zero(view.board_xy[printed]))
-    points[~printed] = intersect_plane(rays, normal, float(normal @ pose.translation))
-    return points
-
-
-def homogeneous_zero(xy: Array) -> npt.NDArray[np.float32]:
-    """Return board points (n, 2) mm as (n, 3) with z = 0, float32 as OpenCV wants them."""
-    return np.pad(xy, ((0, 0), (0, 1))).astype(np.float32)
-
-
-class _Device:
-    """The free parameters of a pinhole: focal lengths, principal point and the chosen distortion coefficients."""
-
-    def __init__(self, name: str, start: Pinhole, free: Sequence[str]) -> None:
-        self._start = start
-        self._free = [i for i, n in enumerate(DISTORTION_NAMES) if n in free]
-        self.names = tuple(f"{name}.{p}" for p in ("fx", "fy", "cx", "cy", *(DISTORTION_NAMES[i] for i in self._free)))
-        K = start.K
-        self.values = np.array([K[0, 0], K[1, 1], K[0, 2], K[1, 2], *start.distortion[self._free]])
-        self.scale = np.array([K[0, 0], K[1, 1], K[0, 0], K[1, 1], *([1.0] * len(self._free))])
-
-    def at(self, values: Array) -> Pinhole:
-        K = np.array(self._start.K)
-        K[0, 0], K[1, 1], K[0, 2], K[1, 2] = np.maximum(values[0], 1e-3), np.maximum(values[1], 1e-3), *values[2:4]
-        distortion = np.array(self._start.distortion)
-        distortion[self._free] = values[4:]
-        return replace(self._start, K=K, distortion=distortion)
-
-
-def _float64(values: npt.ArrayLike) -> Array:
-    return np.asarray(values, dtype=np.float64)
-
-
-def _moved(pose: Pose, motion: Array) -> Pose:
-    turn = Pose.from_rotation_vector(motion[:3], np.zeros(3)).rotation
-    return Pose(turn @ pose.rotation, pose.translation + motion[3:])
-
-
-def _pose_scale(pose: Pose) -> Array:
-    return np.array([1.0, 1.0, 1.0] + [max(float(np.linalg.norm(pose.translation)), 1e-3)] * 3)
-
-
-def _pose_names(name: str) -> tuple[str, ...]:
-    return tuple(f"{name}.{part}" for part in ("rx", "ry", "rz", "tx", "ty", "tz"))
-
-
-def _covariance(jacobian: Array, residuals: Array) -> Array:
-    """Return s^2 (J^T J)^-1 with s^2 = |r|^2 / (observations - parameters)."""
-    observations, parameters = jacobian.shape
-    if observations <= parameters:
-        return np.full((parameters, parameters), np.inf)
-    return float(residuals @ residuals) / (observations - parameters) * np.linalg.pinv(jacobian.T @ jacobian)
 
 
 def _fixed_flags(free: Sequence[str]) -> int:

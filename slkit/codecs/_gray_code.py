@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from slkit.codecs._masks import Light
+from slkit.codecs._separation import SEPARATION_BITS, Pair, robust_bit, separate
 from slkit.data import Float32s, Frames
 from slkit.errors import InputError
 from slkit.protocols import Bounds
@@ -24,9 +25,6 @@ Ints = npt.NDArray[np.int32]
 Mask = npt.NDArray[np.bool_]
 Profile = npt.NDArray[np.uint8]
 
-# Stripes of these bits are narrow enough to separate direct from global light and wide enough to survive blur.
-_SEPARATION_BITS = (1, 2, 3)
-_GLOBAL_SHARE = 0.5
 # Window in px over which doubtful pixels are counted, and the least width of a doubt in cells.
 _NEIGHBOURHOOD = 33
 _NARROWEST = 0.1
@@ -107,7 +105,7 @@ def patterns(profiles: Mapping[str, Profile], size: tuple[int, int]) -> Frames:
 class BitRule:
     """When a bit counts as known: |difference| > `snr` times its noise, and > `contrast` times white - black.
 
-    robust: also ask whether direct or global light explains the difference (see `_robust`).
+    robust: also ask whether direct or global light explains the difference (see `_separation`).
     """
 
     snr: float
@@ -128,15 +126,6 @@ class Cells:
     margin: Float32s
 
 
-@dataclass(frozen=True, eq=False)
-class _Pair:
-    """A pattern and its inverse, in grey levels (h, w); noise: 1 sigma of their difference."""
-
-    lit: Float32s
-    inverse: Float32s
-    noise: Float32s
-
-
 def read_cells(
     code: CellCode,
     read: Callable[[str], Float32s],
@@ -153,8 +142,8 @@ def read_cells(
     itself where the next bit is 0, its mirror image where it is 1, and the hull of both where the bit is unknown:
     narrow at the border that the bit marks, where both are neighbours, and wide anywhere else.
     """
-    held = {bit: _read_pair(code, bit, read, light) for bit in _SEPARATION_BITS if rule.robust and bit < code.bits}
-    separation = _separate(list(held.values())) if held else None
+    held = {bit: _read_pair(code, bit, read, light) for bit in SEPARATION_BITS if rule.robust and bit < code.bits}
+    separation = separate(list(held.values())) if held else None
     lo = np.zeros(light.low.shape, dtype=np.int32)
     hi, guess = lo.copy(), lo.copy()
     margin = np.full(lo.shape, np.inf, dtype=np.float32)
@@ -164,7 +153,7 @@ def read_cells(
         one = difference > 0
         known = np.abs(difference) > np.maximum(rule.snr * pair.noise, rule.contrast * light.span)
         if separation is not None:
-            robust_one, robust_known = _robust(pair, separation, rule.snr)
+            robust_one, robust_known = robust_bit(pair, separation, rule.snr)
             one, known = np.where(robust_known, robust_one, one), known & robust_known
         top = 2 ** (bit + 1) - 1
         lo, hi = np.where(one & known, top - hi, lo), np.where(known, np.where(one, top - lo, hi), top - lo)
@@ -235,38 +224,11 @@ def probability(margin: Float32s) -> Float32s:
     return ndtr(margin).astype(np.float32)
 
 
-def _read_pair(code: CellCode, bit: int, read: Callable[[str], Float32s], light: Light) -> _Pair:
+def _read_pair(code: CellCode, bit: int, read: Callable[[str], Float32s], light: Light) -> Pair:
     lit = read(f"{code.axis}_bit{bit}")
     if code.inverse:
         inverse = read(f"{code.axis}_bit{bit}_inverse")
-        return _Pair(lit, inverse, np.hypot(light.noise(lit), light.noise(inverse)))
+        return Pair(lit, inverse, np.hypot(light.noise(lit), light.noise(inverse)))
     # Without an inverse the references stand in for it: white + black - pattern.
     references = np.hypot(light.noise(light.high), light.noise(light.low))
-    return _Pair(lit, light.high + light.low - lit, np.hypot(2 * light.noise(lit), references))
-
-
-def _separate(pairs: list[_Pair]) -> tuple[Float32s, Float32s]:
-    """Return the direct and the global light, (h, w) grey levels, from pairs of fine stripes.
-
-    Source: Nayar et al., Fast separation of direct and global components (2006), as used by Moreno and Taubin (2012).
-    """
-    brightest = np.max([np.maximum(p.lit, p.inverse) for p in pairs], axis=0)
-    darkest = np.min([np.minimum(p.lit, p.inverse) for p in pairs], axis=0)
-    b = _GLOBAL_SHARE
-    direct = (brightest - darkest) / (1 - b)
-    return direct, np.maximum(2 * (darkest - b * brightest) / (1 - b * b), 0)
-
-
-def _robust(pair: _Pair, separation: tuple[Float32s, Float32s], snr: float) -> tuple[Mask, Mask]:
-    """Return a bit and whether it is known, each (h, w), given direct and global light.
-
-    Where direct light dominates the brighter picture tells; elsewhere only levels that global light alone cannot
-    give. Source: Moreno and Taubin, Simple, accurate and robust projector-camera calibration (2012), after Xu and
-    Aliaga (2007); their fixed level became a multiple of the noise.
-    """
-    direct, indirect = separation
-    one = pair.lit > pair.inverse
-    beyond = (pair.lit >= indirect) & (pair.inverse <= direct)
-    below = (pair.lit <= direct) & (pair.inverse >= indirect)
-    known = (direct > snr * pair.noise) & ((direct > indirect) | (beyond != below))
-    return np.where(direct > indirect, one, beyond), known
+    return Pair(lit, light.high + light.low - lit, np.hypot(2 * light.noise(lit), references))

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from slkit.codecs._footprint import SAMPLING, VARIANCE, VARIANCE_DOUBT
+from slkit.codecs._footprint import SAMPLING, STEEPEST, VARIANCE, VARIANCE_DOUBT
 from slkit.codecs._gray_code import probability
 from slkit.codecs._masks import Light
 from slkit.codecs._peaks import Peaks, agreeing, fill_between, pace, runs_along_rows, sample_row, slope_along_rows
@@ -70,7 +70,7 @@ class View:
     def normalized(self, picture: Float32s) -> tuple[Float32s, Float32s]:
         """Return a camera picture as a share of white - black, 0 where unlit, and its noise, (h, w) each, turned."""
         light, picture = self.light, self.turn(picture)
-        share = np.where(light.mask, (picture - light.low) / light.span, np.float32(0))
+        share = np.where(light.mask, (picture - light.low) / light.span, 0)
         references = np.hypot((1 - share) * light.noise(light.low), share * light.noise(light.high))
         noise = np.hypot(light.noise(picture), references) / light.span
         return share.astype(np.float32), noise.astype(np.float32)
@@ -82,13 +82,14 @@ class View:
     @property
     def stretch(self) -> Float32s:
         """Camera px a projector px along the row, (h, w), NaN where unknown."""
-        return 1 / np.maximum(np.abs(self.slope), np.float32(1e-3))
+        return (1 / np.maximum(np.abs(self.slope), 1e-3)).astype(np.float32)
 
     def line_scale(self, width: int, period: int) -> Float32s:
         """Return the sigma in px of a line `width` projector px wide, (h, w), NaN where lines cannot be found."""
         spacing = period * self.stretch
         scale = np.sqrt((width * self.stretch) ** 2 / 12 + np.float32(_BLUR_VARIANCE))
-        return np.where(spacing >= _LEAST_SPACING, np.minimum(scale, _LARGEST_SCALE * spacing), np.float32(np.nan))
+        scale = np.minimum(scale, _LARGEST_SCALE * spacing)
+        return np.where(spacing >= _LEAST_SPACING, scale, np.nan).astype(np.float32)
 
     def centered(self, peaks: Peaks, period: float) -> Peaks:
         """Return the peaks, `period` px of value apart, moved to where they would be on a scene of even brightness.
@@ -97,7 +98,7 @@ class View:
         to lie towards the darker one; white - black is seen through the same patch, and dividing by it does not help.
         """
         gradient = np.gradient(np.log(self.light.span), axis=1).astype(np.float32)
-        brighter = sample_row(gradient, peaks.row, peaks.col)
+        brighter = np.clip(sample_row(gradient, peaks.row, peaks.col), -STEEPEST, STEEPEST)
         spacing = period * self.stretch[peaks.row, peaks.nearest]
         sampling = SAMPLING * np.maximum(_COMFORTABLE_SPACING / spacing, 1) ** 3
         sigma = np.sqrt(peaks.sigma_col**2 + (VARIANCE_DOUBT * brighter) ** 2 + sampling**2)

@@ -134,7 +134,8 @@ def refined(
 ) -> tuple[Floats, Floats]:
     """Return where a weighted sum of the pixels around `start` (m,) vanishes, and its 1 sigma in px.
 
-    NaN where it does not vanish. noise (h, w): 1 sigma of the picture. weights: `derivatives` for bright lines, `smoothers` for rising edges.
+    NaN where it does not vanish. noise (h, w): 1 sigma of the picture. weights: `derivatives` for bright lines,
+    `smoothers` for rising edges.
     Newton's method with the kernel centred between the pixels: interpolating between sums taken at whole pixels
     instead would pull every centre towards the nearer one, by up to 0.04 px.
     """
@@ -190,7 +191,10 @@ def agreeing(peaks: Peaks, slope: Floats, limit: float) -> Mask:
     slope (m,): expected change of value per px; limit: see `joined`.
     """
     fits = joined(peaks, slope, limit)
-    return np.append(fits, False) | np.append(False, fits)
+    agree = np.zeros(len(peaks), dtype=bool)
+    agree[:-1] |= fits
+    agree[1:] |= fits
+    return agree
 
 
 def joined(peaks: Peaks, slope: Floats, limit: float) -> Mask:

@@ -25,7 +25,7 @@ from slkit.codecs._gray_code import (
     read_cells,
 )
 from slkit.codecs._line_view import AxisPeaks, Coarse
-from slkit.codecs._masks import Reader, collect, colors_at, measure_light
+from slkit.codecs._masks import Reader, collect, colors_at, grey, measure_light
 from slkit.data import Correspondences, Float32s, Frames, Image
 from slkit.errors import InputError
 from slkit.geometry import as_size
@@ -53,8 +53,8 @@ class Gray:
     Thresholds, all relative. min_snr: white - black in units of its noise, below it a pixel is unlit. bit_snr: the
     difference that decides a bit, in units of its noise, and min_contrast: the same as a share of white - black; below
     either the bit is unknown. max_cells: unknown bits leave an interval of neighbouring cells; a longer one is dropped.
-    The value is the interval's middle, sigma follows from its length (see `place`). confidence: the probability under Gaussian
-    noise that the weakest known bit is right.
+    The value is the interval's middle, sigma follows from its length (see `place`). confidence: the probability under
+    Gaussian noise that the weakest known bit is right.
 
     Errors: InputError where a parameter is out of range.
     Source: Inokuchi, Sato and Matsuda, Range imaging system for 3-D object recognition (1984).
@@ -98,7 +98,13 @@ class Gray:
         """
         names = self._names()
         reader = Reader(frames, names)
-        white, black = self._references(reader)
+        shown = self._first_frames(reader)
+        white, black = self._references(shown)
+
+        def read(name: str) -> Float32s:
+            index = names.index(name)
+            return grey(shown[index]) if index < len(shown) else reader.grey(index)
+
         light = measure_light(white, black, self.min_snr)
         rule = BitRule(self.bit_snr, self.min_contrast, self.robust)
         keep, margin = light.mask.copy(), np.full(light.mask.shape, np.inf, dtype=np.float32)
@@ -106,7 +112,7 @@ class Gray:
         for code in self._codes():
             record = BitRecord(light)
             on_bit = record.add if self.subpixel else None
-            cells = read_cells(code, lambda name: reader.grey(names.index(name)), light, rule, on_bit)
+            cells = read_cells(code, read, light, rule, on_bit)
             interval = possible(cells, code, bounds)
             value, sigma, good = place(interval, code, self.max_cells)
             keep &= good
@@ -140,7 +146,7 @@ class Gray:
 
     def lit(self, frames: Frames) -> Image:
         """Return the fully lit picture (h, w): white, or the brighter of a pattern and its inverse."""
-        return self._references(Reader(frames, self._names()))[0]
+        return self._references(self._first_frames(Reader(frames, self._names())))[0]
 
     def _codes(self) -> list[CellCode]:
         return [CellCode(axis, self.projector[axis == "y"], self.step, self.inverse) for axis in coded_axes(self.axes)]
@@ -148,11 +154,17 @@ class Gray:
     def _names(self) -> list[str]:
         return (["white", "black"] if self.references else []) + [n for code in self._codes() for n in code.names()]
 
-    def _references(self, reader: Reader) -> tuple[Image, Image]:
+    def _first_frames(self, reader: Reader) -> list[Image]:
+        """Return the frames that show what is lit: white and black, or the two coarsest bits.
+
+        The borders of those two never coincide, so that one of them is clear-cut at every pixel.
+        """
+        count = 2 if self.references else 2 * min(2, self._codes()[0].bits)
+        return [reader.color(i) for i in range(count)]
+
+    def _references(self, shown: list[Image]) -> tuple[Image, Image]:
         if self.references:
-            return reader.color(0), reader.color(1)
-        # The two coarsest bits: their borders never coincide, so one of the pairs is clear-cut at every pixel.
-        shown = [reader.color(i) for i in range(2 * min(2, self._codes()[0].bits))]
+            return shown[0], shown[1]
         return cast(Image, np.max(shown, axis=0)), cast(Image, np.min(shown, axis=0))
 
 

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from slkit.codecs._footprint import VARIANCE, VARIANCE_DOUBT, displacement
+from slkit.codecs._footprint import STEEPEST, VARIANCE, VARIANCE_DOUBT, displacement
 from slkit.codecs._gray_code import (
     Axes,
     Axis,
@@ -39,8 +39,6 @@ Read = Callable[[str], Float32s]
 Floats = npt.NDArray[np.floating[Any]]
 
 _OWN_SHARE = 0.5
-# Beyond this many px a change over one pixel is an edge, not a slope that can be corrected for.
-_LARGEST_SHIFT = 0.5
 
 
 @dataclass(frozen=True)
@@ -48,8 +46,8 @@ class LineShift:
     """A pattern of thin lines, `period` px apart, shown at each of its `period` shifts, after a Gray code of cells.
 
     projector (width, height) px. axes: "x" finds columns, "y" rows, "both" columns and the row at each of them.
-    width: px a line; shift s lights position p where (p - s) mod period < width. cell: projector px a Gray cell, at most
-    half a period; inverse: each Gray pattern is followed by its inverse. peaks: "spatial" gives sub-pixel camera
+    width: px a line; shift s lights position p where (p - s) mod period < width. cell: projector px a Gray cell, at
+    most half a period; inverse: each Gray pattern is followed by its inverse. peaks: "spatial" gives sub-pixel camera
     positions of exact projector lines; "temporal" one value a camera pixel, from its own brightness over the shifts.
     robust: decide bits by direct and global light.
 
@@ -197,7 +195,7 @@ class LineShift:
             good = coarse.known & near & (snr > self.min_snr * np.sqrt(2 / self.period))
             noise = np.sqrt(2 / self.period) * self.period / (2 * np.pi) / np.maximum(snr, 1e-3)
             shift = displacement(value, good, light.span, self.period / 2)
-            projector_xy[..., i] = value - VARIANCE * np.clip(shift, -_LARGEST_SHIFT, _LARGEST_SHIFT)
+            projector_xy[..., i] = value - VARIANCE * np.clip(shift, -STEEPEST, STEEPEST)
             sigma[..., i] = np.hypot(noise, VARIANCE_DOUBT * shift)
             keep &= good
             margin = np.minimum(margin, coarse.margin)

@@ -91,7 +91,7 @@ def step_wedge(
 
 
 def free_form(center_xyz: npt.ArrayLike, scale: float = 1.0, coloured: bool = False) -> Scene:
-    """Return a sculpted head on a collar: smooth forms, fine relief, occlusions; 330 mm across at scale 1."""
+    """Return a sculpted head on a collar: smooth forms, fine relief, occlusions; 308 mm across at scale 1."""
     return Scene(sculpture(np.asarray(center_xyz, dtype=np.float64), scale, coloured))
 
 

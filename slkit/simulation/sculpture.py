@@ -27,7 +27,7 @@ _FEATURES = (
 
 
 def sculpture(center_xyz: Doubles, scale: float, coloured: bool) -> tuple[Surface, ...]:
-    """Return head and collar about a centre (3,) in mm, 330 mm across at scale 1, facing the camera."""
+    """Return head and collar about a centre (3,) in mm, 308 mm across at scale 1, facing the camera."""
     # A head that looks straight at the camera hides nothing from it; a turned one does.
     turn = _rotation_y(np.radians(16.0))
     surfaces: list[Surface] = []

@@ -3,15 +3,9 @@ from functools import partial
 import numpy as np
 import pytest
 
+from slkit.calibration.joint import refine, residuals_of
 from slkit.calibration.planar import Planar
-from slkit.calibration.solve import (
-    board_pose,
-    calibrate_camera,
-    linear_projector,
-    refine,
-    residuals_of,
-    solve_projector,
-)
+from slkit.calibration.solve import board_pose, calibrate_camera, linear_projector, solve_projector
 from slkit.errors import CalibrationError, InputError
 from slkit.geometry import Pinhole, Pose, Rig
 from slkit.report.measure import volume_error
