@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from slkit.calibration.detect import sub_pixel
 from slkit.targets import CornerMarks
 
 Points = npt.NDArray[np.float64]
@@ -146,9 +147,7 @@ def _refine(image: npt.NDArray[np.uint8], homography: npt.NDArray[np.float64], t
         # The window stays inside the mark's own outline, whose edges would pull the result.
         reach = _distance_to_outline(at, rim)
         half = int(np.clip(0.6 * reach, 2, 25))
-        criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-4)
-        start = at.reshape(1, 1, 2).astype(np.float32)
-        points[i] = cv2.cornerSubPix(image, start, (half, half), (-1, -1), criteria).reshape(2)
+        points[i] = sub_pixel(image, at[None], half)[0]
     return points
 
 

@@ -143,7 +143,7 @@ def read_cells(
     narrow at the border that the bit marks, where both are neighbours, and wide anywhere else.
     """
     held = {bit: _read_pair(code, bit, read, light) for bit in SEPARATION_BITS if rule.robust and bit < code.bits}
-    separation = separate(list(held.values())) if held else None
+    separation = separate(list(held.values()), light.low) if held else None
     lo = np.zeros(light.low.shape, dtype=np.int32)
     hi, guess = lo.copy(), lo.copy()
     margin = np.full(lo.shape, np.inf, dtype=np.float32)
@@ -153,7 +153,7 @@ def read_cells(
         one = difference > 0
         known = np.abs(difference) > np.maximum(rule.snr * pair.noise, rule.contrast * light.span)
         if separation is not None:
-            robust_one, robust_known = robust_bit(pair, separation, rule.snr)
+            robust_one, robust_known = robust_bit(pair, separation, light.low, rule.snr)
             one, known = np.where(robust_known, robust_one, one), known & robust_known
         top = 2 ** (bit + 1) - 1
         lo, hi = np.where(one & known, top - hi, lo), np.where(known, np.where(one, top - lo, hi), top - lo)
@@ -177,8 +177,9 @@ def possible(cells: Cells, code: CellCode, bounds: Bounds | None) -> tuple[Ints,
     first = 0 if code.axis == "x" else 2
     least, most = bounds[..., first], bounds[..., first + 1]
     allowed = np.isfinite(least) & np.isfinite(most)
-    # Far-away bounds would overflow the cast to whole cells.
-    least, most = (np.clip(np.where(allowed, b, 0), -1, code.size) for b in (least, most))
+    # Far-away bounds would overflow the cast to whole cells; two cells beyond the border nothing is left of them.
+    beyond = 2 * code.step
+    least, most = (np.clip(np.where(allowed, b, 0), -beyond, code.size + beyond) for b in (least, most))
     lo = np.maximum(lo, np.floor(least / code.step).astype(np.int32) - 1)
     hi = np.where(allowed, np.minimum(hi, np.ceil(most / code.step).astype(np.int32) + 1), -1)
     return lo, hi

@@ -13,8 +13,6 @@ Mask = npt.NDArray[np.bool_]
 
 # Stripes of these bits are narrow enough to separate direct from global light and wide enough to survive blur.
 SEPARATION_BITS = (1, 2, 3)
-# The light that dark parts of a pattern give, as a share of what its lit parts give.
-_DARK_SHARE = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,19 +24,18 @@ class Pair:
     noise: Float32s
 
 
-def separate(pairs: list[Pair]) -> tuple[Float32s, Float32s]:
-    """Return the direct and the global light, (h, w) grey levels, from pairs of fine stripes.
+def separate(pairs: list[Pair], dark: Float32s) -> tuple[Float32s, Float32s]:
+    """Return the direct and the global light under full white, (h, w) grey levels, from pairs of fine stripes.
 
-    Source: Nayar et al., Fast separation of direct and global components (2006), as used by Moreno and Taubin (2012).
+    dark (h, w): the level without projected light. Stripes light half the scene, and half its global light.
+    Source: Nayar et al., Fast separation of direct and global components (2006), with the dark level measured.
     """
     brightest = np.max([np.maximum(p.lit, p.inverse) for p in pairs], axis=0)
     darkest = np.min([np.minimum(p.lit, p.inverse) for p in pairs], axis=0)
-    b = _DARK_SHARE
-    direct = (brightest - darkest) / (1 - b)
-    return direct, np.maximum(2 * (darkest - b * brightest) / (1 - b * b), 0)
+    return brightest - darkest, 2 * np.maximum(darkest - dark, 0)
 
 
-def robust_bit(pair: Pair, separation: tuple[Float32s, Float32s], snr: float) -> tuple[Mask, Mask]:
+def robust_bit(pair: Pair, separation: tuple[Float32s, Float32s], dark: Float32s, snr: float) -> tuple[Mask, Mask]:
     """Return a bit and whether it is known, each (h, w), given direct and global light.
 
     Where direct light dominates the brighter picture tells; elsewhere only levels that global light alone cannot
@@ -46,8 +43,8 @@ def robust_bit(pair: Pair, separation: tuple[Float32s, Float32s], snr: float) ->
     Aliaga (2007); their fixed level became a multiple of the noise.
     """
     direct, indirect = separation
-    one = pair.lit > pair.inverse
-    beyond = (pair.lit >= indirect) & (pair.inverse <= direct)
-    below = (pair.lit <= direct) & (pair.inverse >= indirect)
+    lit, inverse = pair.lit - dark, pair.inverse - dark
+    one, beyond = lit > inverse, (lit >= indirect) & (inverse <= direct)
+    below = (lit <= direct) & (inverse >= indirect)
     known = (direct > snr * pair.noise) & ((direct > indirect) | (beyond != below))
     return np.where(direct > indirect, one, beyond), known

@@ -160,7 +160,7 @@ def _planar(
 def _coded(
     folder: Path, rig: Rig, poses: int, name: str, codec: Codec, optics: Optics, seed: int, progress: Progress | None
 ) -> dict[str, Pose]:
-    printed = boards_for(rig)[0]
+    printed = boards_for(rig, lit=True)[0]
     found = board_poses(rig, printed.extent(), poses, np.random.default_rng(seed), lit=True)
     names = [f"pose{i}" for i in range(poses)]
     for i, pose in enumerate(found):

@@ -19,11 +19,12 @@ _DEPTHS = (0.78, 1.2)
 _STEEPEST = np.cos(np.radians(65))
 
 
-def boards_for(rig: Rig) -> tuple[Checkerboard, CornerMarks, ProjectedCheckerboard]:
+def boards_for(rig: Rig, lit: bool = False) -> tuple[Checkerboard, CornerMarks, ProjectedCheckerboard]:
     """Return side A, side B (its sheet is marks.extent()) and the projected pattern that suit a rig.
 
     Side B holds the whole projected pattern at the working distance with its marks at the pattern's corners. The
-    pattern is slkit's own for that projector, made smaller where the camera would not see all of it.
+    pattern is slkit's own for that projector, made smaller where the camera would not see all of it. lit: side A is
+    small enough for the projector to light it whole, for coded light on the printed board.
     """
     distance = working_distance(rig)
     width, height = rig.camera.size
@@ -35,8 +36,10 @@ def boards_for(rig: Rig) -> tuple[Checkerboard, CornerMarks, ProjectedCheckerboa
     x, y = (_round(float(v)) for v in half)
     marks = CornerMarks(((-x, -y), (x, -y), (x, y), (-x, y)), cell)
     # 13 x 10 squares with the margin: about six tenths of what the camera sees.
-    square = _round(0.62 * float(min(view / [13, 10])))
-    return Checkerboard((10, 7), square), marks, pattern
+    square = 0.62 * float(min(view / [13, 10]))
+    if lit:
+        square = min(square, 1.2 * working_volume(rig)[1] / float(np.hypot(6.5, 5)))
+    return Checkerboard((10, 7), _round(square)), marks, pattern
 
 
 def projected_outline(pattern: ProjectedCheckerboard, squares: float = 1.0) -> Doubles:

@@ -33,7 +33,7 @@ class Optics:
     """
 
     white_level: float = 0.65
-    ambient: float = 0.06
+    ambient: float = 0.12
     black_level: float = 0.015
     projector_gamma: float = 1.0
     projector_blur_px: float = 0.6

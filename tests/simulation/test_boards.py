@@ -68,11 +68,13 @@ def test_the_projected_pattern_falls_on_side_b_clear_of_the_marks(name: str) -> 
         assert nearest > 0.2 * pattern.step_px
 
 
-def test_a_lit_board_lies_in_both_images() -> None:
-    rig = paper_rig()
-    extent = (-150.0, -100.0, 150.0, 100.0)
+@pytest.mark.parametrize("name", RIGS)
+def test_a_lit_side_a_lies_in_both_images(name: str) -> None:
+    rig = RIGS[name]
+    extent = boards_for(rig, lit=True)[0].extent()
     poses = board_poses(rig, extent, 6, np.random.default_rng(3), lit=True)
     assert all(in_view(rig, on_sheet(pose, extent), 7.5).all() for pose in poses)
+    assert max(np.degrees(np.arccos(pose.rotation[2, 2])) for pose in poses) > 15
 
 
 def test_equal_generators_draw_equal_poses() -> None:
