@@ -27,7 +27,7 @@ Profile = npt.NDArray[np.uint8]
 
 # Window in px over which doubtful pixels are counted, and the least width of a doubt in cells.
 _NEIGHBOURHOOD = 33
-_NARROWEST = 0.1
+_NARROWEST = 0.5
 
 
 def coded_axes(axes: Axes) -> tuple[Axis, ...]:

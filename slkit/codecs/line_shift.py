@@ -38,8 +38,6 @@ from slkit.protocols import Bounds
 Read = Callable[[str], Float32s]
 Floats = npt.NDArray[np.floating[Any]]
 
-_OWN_SHARE = 0.5
-
 
 @dataclass(frozen=True)
 class LineShift:
@@ -163,16 +161,12 @@ class LineShift:
         coarse = self._coarse(axis, read, light, bounds)
         view = View.across(coarse, light, self.period, self.cell)
         scale, spacing = view.line_scale(self.width, self.period), view.stretch * self.period
-        best = np.zeros(view.slope.shape, dtype=np.float32)
         parts: list[Peaks] = []
         for shift, name in enumerate(self._line_names(axis)):
             picture, noise = view.normalized(read(name))
-            best = np.maximum(best, picture)
             peaks = find_peaks(picture, noise, scale, spacing)
             parts.append(self._labelled(peaks, view, shift, self._size(axis)))
         peaks = Peaks.join(parts)
-        # A line shines brightest in its own picture; a ghost of it, scattered by the scene, does not.
-        peaks = peaks.select(peaks.height >= _OWN_SHARE * best[peaks.row, peaks.nearest])
         return view.consistent(view.centered(peaks, self.period), self.period)
 
     def _labelled(self, peaks: Peaks, view: View, shift: int, size: int) -> Peaks:

@@ -22,7 +22,8 @@ class Filters:
 
     residual: residual_px at most residual_factor standard deviations, estimated as the cloud's median / 0.6745. Points
     without a residual (one coded axis) pass.
-    sigma: sigma_mm at most sigma_factor times the cloud's median; points without a sigma pass.
+    sigma: sigma_mm at most sigma_factor times the cloud's median; points without a sigma pass. Ten lets a Gray pixel
+    pass that is known to four cells only, on a surface seen at a grazing angle.
     depth: z inside the range given to `apply`; passes everything without one.
     isolated: the distance to the tenth neighbour at most isolated_factor times the median of the same distance among
     those ten neighbours, and, as an angle seen from the camera, at most remote_factor times the cloud's median. The
@@ -36,7 +37,7 @@ class Filters:
     depth: bool = True
     isolated: bool = True
     residual_factor: float = 5.0
-    sigma_factor: float = 5.0
+    sigma_factor: float = 10.0
     isolated_factor: float = 4.0
     remote_factor: float = 10.0
 

@@ -135,19 +135,18 @@ def test_saturated_and_unlit_pixels_are_left_out(flat: Any) -> None:
     assert (inside & (at[:, 1] >= 0) & (at[:, 1] < 5)).any()
 
 
-def test_a_ghost_of_the_lines_is_not_taken_for_a_line(flat: Any) -> None:
+def test_ghosts_of_lines_that_do_not_fit_their_neighbours_are_dropped(flat: Any) -> None:
     codec = LineShift(flat.scanner.rig.projector.size)
     frames = flat.frames(codec)
-    clean = codec.decode(frames)
     first = frames.names.index("x_line0")
-    # Each line picture with a weak copy of the picture three shifts on: a second reflection.
+    # Each line picture with a copy of the picture two shifts on, close enough for the coarse code: a second reflection.
     images = [f.astype(float) for f in frames]
     lines = images[first:]
-    images[first:] = [0.8 * lines[s] + 0.2 * lines[(s + 3) % 6] for s in range(6)]
+    images[first:] = [0.65 * lines[s] + 0.35 * lines[(s + 2) % 6] for s in range(6)]
     found = codec.decode(Frames.of([np.rint(i).astype(np.uint8) for i in images], frames.names))
     error, _ = flat.errors(found, 0)
-    assert np.abs(error).max() < 1
-    assert len(found) > 0.9 * len(clean)
+    assert (np.abs(error) > 1).mean() < 1e-3
+    assert flat.completeness(found) > 0.95
 
 
 @pytest.mark.parametrize(
@@ -188,7 +187,7 @@ def rendered(captures: Any) -> Any:
     return folder, column
 
 
-@pytest.mark.parametrize(("peaks", "least"), [("spatial", 0.99), ("temporal", 0.999)])
+@pytest.mark.parametrize(("peaks", "least"), [("spatial", 0.98), ("temporal", 0.999)])
 def test_labels_of_an_independently_rendered_capture(
     rendered: Any, read_frames: Any, spread: Any, peaks: Any, least: float
 ) -> None:

@@ -67,7 +67,7 @@ def test_residual_is_judged_by_the_noise_of_the_cloud(make_cloud):
 def test_sigma_is_judged_by_the_median(make_cloud):
     xyz = grid(1, 1)
     sigma = np.full(len(xyz), 0.2)
-    sigma[:5], sigma[5:8], sigma[8:10] = 1.2, 0.9, np.nan
+    sigma[:5], sigma[5:8], sigma[8:10] = 2.2, 1.8, np.nan
     _, removed = Filters().apply(make_cloud(xyz, sigma_mm=sigma))
     assert removed["sigma"] == 5
     _, removed = Filters(sigma_factor=4.0).apply(make_cloud(xyz, sigma_mm=sigma))

@@ -1,0 +1,198 @@
+"""Draws the pictures of these pages into docs/img and prints their tables: `.venv/bin/python docs/figures.py`.
+
+All of it is simulated, with fixed seeds.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+import slkit
+from slkit.data import Correspondences, Frames, PointCloud
+from slkit.files import write_png
+from slkit.protocols import Codec
+from slkit.report.figures import draw_cloud
+from slkit.report.measure import cloud_against_truth, volume_error
+from slkit.simulation import SimulatedScanner, board, board_poses, boards_for, build, one_to_one_rig, paper_rig
+from slkit.simulation.light import Tracer
+from slkit.triangulation import Filters, ray_plane
+
+Picture = npt.NDArray[np.uint8]
+
+SEED = 1
+PANEL = (300, 225)
+# Steps of grey that the eye does not see at this size, and that make a noisy PNG half as large.
+STEP = 8
+SETTINGS: tuple[tuple[str, dict[str, Any]], ...] = (
+    ("gray", {"step": 2}),
+    ("gray", {"step": 2, "subpixel": True}),
+    ("line-shift", {}),
+    ("line-shift", {"period": 8, "width": 2}),
+    ("line-shift", {"peaks": "temporal"}),
+    ("phase-shift", {}),
+    ("phase-shift", {"order": "gray"}),
+)
+VOLUME_MM = (900.0, 1000.0, 1100.0, 1200.0, 1300.0)
+
+
+def main(folder: Path) -> None:
+    """Write every picture into a folder and print every table as Markdown."""
+    rigs = {"paper": paper_rig(), "one-to-one": one_to_one_rig()}
+    print("| rig | codec | settings | frames | rows | error px | error / sigma | mm | complete |")
+    print("| --- | --- | --- | --- | --- | --- | --- | --- | --- |")
+    for name, rig in rigs.items():
+        scanner = SimulatedScanner(build("free-form", rig), rig, seed=SEED)
+        for codec, parameters in SETTINGS:
+            print(f"| {name} | {codec} | {told(parameters)} | {codec_row(scanner, codec, parameters)} |", flush=True)
+    pictures(folder)
+    print(planar_row())
+
+
+def told(parameters: dict[str, Any]) -> str:
+    """Return settings as `--set` takes them."""
+    return ", ".join(f"`{k}={str(v).lower() if isinstance(v, bool) else v}`" for k, v in parameters.items())
+
+
+def codec_row(scanner: SimulatedScanner, name: str, parameters: dict[str, Any]) -> str:
+    """Return frames, rows, median error in projector px, spread of error / sigma, rms in mm, completeness."""
+    codec = slkit.load_codec(name, scanner.rig.projector.size, parameters)
+    patterns = codec.encode()
+    found = codec.decode(held(scanner.capture(patterns)))
+    off, spread = column_error(scanner, found)
+    cloud, _ = Filters().apply(slkit.triangulate(found, scanner.rig))
+    truth = scanner.truth()
+    error = cloud_against_truth(cloud, *scanner.scene.mesh(), truth.camera_xy.astype(int), truth.xyz_mm)
+    figures = f"{off:.3f} | {spread:.2f} | {error.rms_mm:.3f} | {100 * error.completeness:.1f} %"
+    return f"{len(patterns)} | {len(found)} | {figures}"
+
+
+def column_error(scanner: SimulatedScanner, found: Correspondences) -> tuple[float, float]:
+    """Return the median of |error| in projector columns, and the robust standard deviation of error / sigma."""
+    hits = Tracer(scanner.scene, scanner.rig, 3).trace(found.camera_xy)
+    error = found.projector_xy[:, 0] - hits.projector_xy[:, 0]
+    known = hits.lit & np.isfinite(error)
+    share = error[known] / found.sigma[known, 0]
+    return float(np.median(np.abs(error[known]))), float(1.4826 * np.median(np.abs(share - np.median(share))))
+
+
+def planar_row() -> str:
+    """Return the figures of a planar calibration with simulated pictures."""
+    truth = paper_rig()
+    with tempfile.TemporaryDirectory() as folder:
+        slkit.simulate_calibration(folder, truth, seed=SEED)
+        found = slkit.calibrate(folder)
+    error = volume_error(found.rig, truth, ray_plane, VOLUME_MM)
+    rms = f"camera {found.rms_camera:.3f}, projector {found.rms_projector:.3f}, joint {found.rms_joint:.3f} px"
+    cy = f"cy {found.rig.projector.K[1, 2]:.1f} (true {truth.projector.K[1, 2]:.1f}) px"
+    return f"planar: {rms}; {cy}; 3D error {error.rms_mm:.2f} mm as is, {error.aligned_mm:.2f} mm aligned"
+
+
+def pictures(folder: Path) -> None:
+    """Write the pictures of the method pages."""
+    rig = paper_rig()
+    scanner = SimulatedScanner(build("free-form", rig), rig, seed=SEED)
+    shown = {"gray": ("x_bit5", {"step": 2}), "line-shift": ("x_line0", {}), "phase-shift": ("x_8_0", {})}
+    for name, (frame, parameters) in shown.items():
+        codec = slkit.load_codec(name, rig.projector.size, parameters)
+        frames, found = decoded(scanner, codec)
+        patterns = codec.encode()
+        pattern = patterns[patterns.names.index(frame)]
+        seen = frames[patterns.names.index(frame)]
+        middle = zoomed(seen, found) if name == "line-shift" else seen
+        write_png(folder / f"{name}.png", row(pattern, middle, colours(found, seen.shape[:2], rig.projector.size[0])))
+    draw_boards(folder)
+    frames, found = decoded(scanner, slkit.load_codec("phase-shift", rig.projector.size))
+    cloud, _ = Filters().apply(slkit.triangulate(found, rig))
+    write_png(folder / "triangulation.png", by_sigma(cloud))
+    truth = scanner.truth()
+    shape = truth.lit.shape
+    depth = np.full(shape, np.nan)
+    depth[truth.camera_xy[:, 1].astype(int), truth.camera_xy[:, 0].astype(int)] = truth.xyz_mm[:, 2]
+    write_png(folder / "simulation.png", row(scanner.photograph(), frames[0], painted(depth)))
+
+
+def draw_boards(folder: Path) -> None:
+    """Write what the camera sees of both sides of a board, and of a printed board under Gray code."""
+    rig, rng = paper_rig(), np.random.default_rng(SEED)
+    printed, marks, projected = boards_for(rig)
+    side_a = board(printed, board_poses(rig, printed.extent(), 1, rng)[0])
+    side_b = board(marks, board_poses(rig, marks.extent(), 1, rng, projected=projected, marks=marks)[0])
+    size = rig.projector.size
+    white = np.full(size[::-1], 255, np.uint8)
+    seen = SimulatedScanner(side_b, rig, seed=SEED).capture(Frames.of([white, projected.draw(size)]))
+    write_png(folder / "planar.png", row(SimulatedScanner(side_a, rig, seed=SEED).photograph(), *seen))
+    lit = boards_for(rig, lit=True)[0]
+    scene = board(lit, board_poses(rig, lit.extent(), 1, rng, lit=True)[0])
+    codec = slkit.load_codec("gray", size, {"step": 2, "axes": "both"})
+    frames, found = decoded(SimulatedScanner(scene, rig, seed=SEED), codec)
+    stripes = frames[codec.encode().names.index("y_bit5")]
+    write_png(folder / "local-homography.png", row(frames[0], stripes, colours(found, stripes.shape, size[1], axis=1)))
+
+
+def decoded(scanner: SimulatedScanner, codec: Codec) -> tuple[Frames, Correspondences]:
+    """Return the pictures of a codec's patterns, held in memory, and what they say."""
+    frames = held(scanner.capture(codec.encode()))
+    return frames, codec.decode(frames)
+
+
+def held(frames: Frames) -> Frames:
+    """Return frames that are rendered now, once."""
+    return Frames.of(list(frames), frames.names)
+
+
+def colours(found: Correspondences, shape: tuple[int, ...], most: int, axis: int = 0) -> Picture:
+    """Return the decoded projector coordinate as a picture, 0 to `most` px; black where nothing is known."""
+    return painted(found.as_map((shape[0], shape[1]))[..., axis], 0, most)
+
+
+def painted(values: npt.NDArray[Any], low: float | None = None, high: float | None = None) -> Picture:
+    """Return values (h, w) in colour, black where they are NaN."""
+    low, high = np.nanmin(values) if low is None else low, np.nanmax(values) if high is None else high
+    levels = np.clip(255 * (np.nan_to_num(values, nan=low) - low) / (high - low), 0, 255).astype(np.uint8)
+    picture = cv2.applyColorMap(levels, cv2.COLORMAP_VIRIDIS)[..., ::-1]
+    return np.where(np.isfinite(values)[..., None], picture, 0).astype(np.uint8)
+
+
+def zoomed(seen: Picture, found: Correspondences, corner: tuple[int, int] = (352, 236)) -> Picture:
+    """Return 48 x 36 px of a camera picture eight times as large, with the line centres as red dots."""
+    x, y = corner
+    part = cv2.resize(seen[y : y + 36, x : x + 48], None, fx=8, fy=8, interpolation=cv2.INTER_NEAREST)
+    picture = np.repeat((np.clip(part * (230 / part.max()), 0, 255)).astype(np.uint8)[..., None], 3, axis=2)
+    mine = np.rint(found.projector_xy[:, 0]) % 6 == 0
+    for u, v in 8 * (found.camera_xy[mine] - corner + 0.5):
+        cv2.circle(picture, (round(16 * float(u)), round(16 * float(v))), 32, (255, 60, 40), -1, cv2.LINE_AA, 4)
+    return picture
+
+
+def row(*panels: npt.NDArray[Any]) -> Picture:
+    """Return pictures side by side, each fitted into a panel."""
+    parts: list[Picture] = []
+    for panel in panels:
+        colour = np.repeat(panel[..., None], 3, axis=2) if panel.ndim == 2 else panel
+        parts.append(cv2.resize(colour, PANEL, interpolation=cv2.INTER_AREA).astype(np.uint8))
+    gap = np.full((PANEL[1], 6, 3), 255, np.uint8)
+    return coarse(np.concatenate([p for part in parts for p in (part, gap)][:-1], axis=1))
+
+
+def coarse(picture: Picture) -> Picture:
+    """Return a picture whose levels are multiples of STEP, and white."""
+    return np.minimum(np.rint(picture / STEP) * STEP, 255).astype(np.uint8)
+
+
+def by_sigma(cloud: PointCloud) -> Picture:
+    """Return a picture of a cloud whose colours are its sigma_mm, dark where small, up to the 98th percentile."""
+    sigma = cloud.sigma_mm
+    shade = painted(sigma[None], float(sigma.min()), float(np.percentile(sigma, 98)))[0] / np.float32(255)
+    values = (cloud.xyz, shade, sigma, cloud.residual_px, cloud.camera_xy)
+    return coarse(draw_cloud(PointCloud(*values), (720, 540), colored=True))
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent / "img")
