@@ -4,7 +4,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 INSTALLED := .venv/.installed
 
-.PHONY: install demo test check lock clean
+.PHONY: install demo test check patterns lock clean
 
 install: $(INSTALLED)
 
@@ -27,6 +27,10 @@ check: $(INSTALLED)
 	$(BIN)/pyright
 	$(BIN)/lint-imports
 	$(BIN)/mkdocs build --strict --quiet
+
+# After a change to codecs or targets; tests/test_patterns.py says when.
+patterns: $(INSTALLED)
+	$(BIN)/python tests/regenerate_patterns.py patterns
 
 # Needs uv; the result names versions and hashes for every platform, and no index.
 lock:

@@ -1,12 +1,25 @@
 import os
+import pkgutil
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
+from beartype import BeartypeConf, beartype
+from jaxtyping import install_import_hook
 
-from slkit.geometry import Pinhole, Rig
+# Every call into slkit has its arguments and result checked against their annotations, a whole number passing for a
+# float; numba's kernels cannot be wrapped.
+sys.modules["typecheck"] = ModuleType("typecheck")
+sys.modules["typecheck"].check = beartype(conf=BeartypeConf(is_pep484_tower=True))
+_ROOT = Path(__file__).parent.parent / "slkit"
+_MODULES = [m.name for m in pkgutil.walk_packages([str(_ROOT)], "slkit.") if not m.ispkg and "_kernels" not in m.name]
+install_import_hook(_MODULES, "typecheck.check")
+
+from slkit.geometry import Pinhole, Rig  # noqa: E402
 
 
 @pytest.fixture(scope="session")

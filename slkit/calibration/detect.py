@@ -168,7 +168,7 @@ def _symmetries(corners: Corners) -> list[Corners]:
 def _disagreement(ratio: npt.NDArray[np.uint8], corners: Corners, target: ProjectedCheckerboard) -> int:
     """Return how many squares between the corners differ in colour, or in carrying a mark, from the pattern."""
     ny, nx = corners.shape[:2]
-    squares = grid((nx - 1, ny - 1)).astype(int)
+    squares: list[list[int]] = grid((nx - 1, ny - 1)).astype(int).tolist()
     shades = np.array([_shades(ratio, corners, col, row) for col, row in squares])
     known = np.isfinite(shades).all(axis=1)
     rim, center = shades.T

@@ -13,6 +13,7 @@ from slkit.codecs._masks import measure_light
 from slkit.codecs.gray import Gray
 from slkit.data import Frames
 from slkit.errors import DecodeError, InputError
+from slkit.registry import create
 
 SIZE = (53, 37)
 
@@ -228,7 +229,7 @@ def test_bounds_rule_out_wrong_cells_and_narrow_doubtful_ones(dimmed: Callable[[
 )
 def test_a_parameter_out_of_range_is_named(parameters: dict[str, Any], word: str) -> None:
     with pytest.raises(InputError, match=word):
-        Gray(**({"projector": SIZE} | parameters))
+        create(Gray, {"projector": SIZE} | parameters, "here")
 
 
 def test_frames_that_do_not_fit_are_named(dimmed: Callable[[Frames], Frames]) -> None:

@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 from slkit.codecs.line_shift import LineShift
 from slkit.data import Correspondences, Frames
 from slkit.errors import DecodeError, InputError
+from slkit.registry import create
 
 PAPER = {"period": 8, "width": 2}
 
@@ -164,7 +165,7 @@ def test_ghosts_of_lines_that_do_not_fit_their_neighbours_are_dropped(flat: Any)
 )
 def test_a_parameter_out_of_range_is_named(parameters: dict[str, Any], word: str) -> None:
     with pytest.raises(InputError, match=word):
-        LineShift((64, 48), **parameters)
+        create(LineShift, {"projector": (64, 48)} | parameters, "here")
 
 
 def test_frames_that_cannot_be_decoded_are_refused() -> None:

@@ -22,7 +22,7 @@ def peaks_of(picture: np.ndarray, noise: float = 0.01, scale: float = 0.9, spaci
 
 def some_peaks(row: list[int], col: list[float], value: list[float]) -> Peaks:
     blank = np.zeros(len(row))
-    return Peaks(np.array(row), np.array(col), blank, blank, blank, blank, np.array(value))
+    return Peaks(np.array(row, dtype=np.int64), np.array(col), blank, blank, blank, blank, np.array(value))
 
 
 @settings(max_examples=40, deadline=None)

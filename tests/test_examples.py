@@ -1,0 +1,115 @@
+import importlib.util
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from slkit.export import read_ply
+from slkit.files import read_image, read_provenance, read_rig
+from slkit.geometry import Rig
+from slkit.simulation import one_to_one_rig, paper_rig
+
+EXAMPLES = Path(__file__).parent.parent / "examples"
+
+
+def load(name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    # Dataclasses look their module up by name.
+    sys.modules[name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def figure(text: str, pattern: str) -> float:
+    """Return the number that a print-out holds in place of the group of a pattern."""
+    found = re.search(pattern, text)
+    assert found, f"{pattern!r} is not in {text!r}"
+    return float(found.group(1))
+
+
+def test_every_example_is_short_and_numbered():
+    files = sorted(EXAMPLES.glob("*.py"))
+    assert [f.name[:2] for f in files] == [f"{i:02d}" for i in range(len(files))]
+    for file in files:
+        assert len(file.read_text().splitlines()) < 100, file.name
+
+
+def test_demo(tmp_path: Path, scaled: Callable[[Rig, float], Rig], capsys: pytest.CaptureFixture[str]):
+    truth = scaled(paper_rig(), 0.75)
+    load("00_demo").main(tmp_path, truth, poses=4)
+    told = capsys.readouterr().out
+    assert read_rig(tmp_path / "rig.json").camera.size == (576, 432)
+    assert read_provenance(tmp_path / "rig.json")["method"] == "planar"
+    assert figure(told, r"([\d.]+) mm after the best rigid fit") < 1.0
+    for name in ("line-shift", "phase-shift"):
+        cloud = read_ply((tmp_path / f"{name}.ply").read_bytes())
+        assert len(cloud) > 5000
+        assert read_image(tmp_path / f"{name}.png").std() > 5
+        calibrated, true = rows(told, name)
+        for points, rms, median, _, complete in (calibrated, true):
+            assert points > 0.9 * len(cloud) and rms > median and complete > 50
+        # Four small pictures place the rig's frame only so well; with the true rig the decoding alone is left.
+        assert true[2] < 0.3 and true[3] < 1 and true[4] > 85
+    for name in ("seen_board.png", "seen_object.png"):
+        assert read_image(tmp_path / name).shape == (432, 576)
+
+
+def rows(told: str, codec: str) -> list[list[float]]:
+    """Return points, rms, median, outliers in % and completeness in % of a codec: calibrated rig, true rig."""
+    lines = told.splitlines()
+    first = next(i for i, line in enumerate(lines) if line.startswith(f"{codec} "))
+    return [[float(n) for n in re.findall(r"[\d.]+", line)] for line in lines[first : first + 2]]
+
+
+def test_simulated_scan(scaled: Callable[[Rig, float], Rig], capsys: pytest.CaptureFixture[str]):
+    load("01_simulated_scan").main(scaled(one_to_one_rig(), 0.5))
+    told = capsys.readouterr().out
+    assert figure(told, r"(\d+) points left") > 5000
+    assert figure(told, r"median ([\d.]+) mm, 95 %") < 0.5
+    assert 0.7 < figure(told, r"robust standard deviation ([\d.]+)") < 1.4
+
+
+def test_calibrate_real_captures(
+    captures: Callable[[str], Path],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+):
+    monkeypatch.setenv("SLKIT_DATA", str(captures("gray_board").parent))
+    load("02_calibrate_real_captures").main(tmp_path / "calib")
+    assert figure(capsys.readouterr().out, r"joint ([\d.]+) px") < 0.35
+    # The data set's own reference: a distance of 673 from camera to projector.
+    center = read_rig(tmp_path / "calib" / "rig.json").projector_center
+    assert np.linalg.norm(center) == pytest.approx(673, abs=15)
+
+
+def test_calibrate_real_captures_without_data(tmp_path: Path):
+    command = [sys.executable, EXAMPLES / "02_calibrate_real_captures.py", tmp_path / "calib"]
+    environment = {"SLKIT_DATA": str(tmp_path / "nowhere"), "PATH": ""}
+    done = subprocess.run(command, capture_output=True, text=True, env=environment)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "set SLKIT_DATA" in done.stdout and str(tmp_path / "nowhere") in done.stdout
+    assert not (tmp_path / "calib").exists()
+
+
+def test_own_codec(scaled: Callable[[Rig, float], Rig], capsys: pytest.CaptureFixture[str]):
+    load("03_own_codec").main(scaled(one_to_one_rig(), 0.5))
+    told = capsys.readouterr().out
+    assert "every promise kept" in told
+    # Both codecs have cells of the same size, so one is as good as the other where it is right.
+    own, gray = (figure(told, rf"{name}: .* median error ([\d.]+) mm") for name in ("Levels", "Gray"))
+    assert own < 2 * gray
+
+
+def test_own_calibration_target(scaled: Callable[[Rig, float], Rig], capsys: pytest.CaptureFixture[str]):
+    load("04_own_calibration_target").main(scaled(paper_rig(), 0.6), poses=4)
+    told = capsys.readouterr().out
+    assert "every promise kept" in told and "4 of 4 views used" in told
+    assert figure(told, r"joint ([\d.]+) px") < 0.1
+    assert figure(told, r"([\d.]+) mm after the best rigid fit") < 1.0
