@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from slkit.codecs._noise import NoiseCurve, noise_curve
+from slkit.codecs._noise import Evidence, NoiseCurve, noise_curve
 from slkit.data import Correspondences, Float32s, Frames, Image, check_image, describe_image
 from slkit.errors import DecodeError, InputError
 
@@ -81,7 +81,7 @@ def measure_light(white: Image, black: Image, min_snr: float) -> Light:
     """
     high, low = grey(white), grey(black)
     saturated = saturation(white)
-    curve = noise_curve([(high, ~saturated), (low, ~saturation(black))])
+    curve = noise_curve([Evidence(high, high, ~saturated), Evidence(low, low, ~saturation(black))])
     lit = high - low > min_snr * np.hypot(curve.at(high), curve.at(low))
     mask = lit & ~saturated
     refuse_empty(mask, lit, saturated)

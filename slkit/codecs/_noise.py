@@ -29,15 +29,28 @@ class NoiseCurve:
         return np.sqrt(np.float32(self.least) + np.float32(self.gain) * np.maximum(level - np.float32(self.dark), 0))
 
 
-def noise_curve(pictures: Sequence[tuple[Float32s, npt.NDArray[np.bool_]]]) -> NoiseCurve:
-    """Return the noise that pictures (h, w) in grey levels show where their masks (h, w) say they can be trusted.
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """A picture (h, w) that shows noise, the grey level (h, w) it belongs to, and where (h, w) both can be trusted.
+
+    share: the variance of the picture's noise in units of one frame's; 1 for a frame itself.
+    """
+
+    picture: Float32s
+    level: Float32s
+    usable: npt.NDArray[np.bool_]
+    share: float = 1.0
+
+
+def noise_curve(evidence: Sequence[Evidence]) -> NoiseCurve:
+    """Return the noise of one frame that pictures show.
 
     Slow changes are removed by second differences along both axes, outliers are winsorised at 3 sigma, and the
     variance is taken in steps of the grey level because light brings its own noise. Relief and print can only add to
     it: the curve is the steepest line from the darkest step that no other step lies below. Never below rounding.
     Source: Immerkaer, Fast noise variance estimation (1996); the line is the photon transfer curve of EMVA 1288.
     """
-    samples, levels = (np.concatenate(part) for part in zip(*(_roughness(*p) for p in pictures), strict=True))
+    samples, levels = (np.concatenate(part) for part in zip(*(_roughness(e) for e in evidence), strict=True))
     if not samples.size:
         return NoiseCurve(0.0, _LEAST_VARIANCE, 0.0)
     low, high = float(levels.min()), float(levels.max())
@@ -51,13 +64,18 @@ def noise_curve(pictures: Sequence[tuple[Float32s, npt.NDArray[np.bool_]]]) -> N
     return NoiseCurve(float(centers[0]), float(variances[0]), gain)
 
 
-def _roughness(picture: Float32s, usable: npt.NDArray[np.bool_]) -> tuple[Float32s, Float32s]:
+def _roughness(evidence: Evidence) -> tuple[Float32s, Float32s]:
+    picture, level = evidence.picture, evidence.level
     if min(picture.shape) < 3:
         return np.empty(0, np.float32), np.empty(0, np.float32)
     rows = picture[:-2] - 2 * picture[1:-1] + picture[2:]
     both = rows[:, :-2] - 2 * rows[:, 1:-1] + rows[:, 2:]
-    inner = usable[1:-1, 1:-1]
-    return (np.abs(both)[inner] / 6).astype(np.float32), picture[1:-1, 1:-1][inner]
+    # The mean of the same 3 x 3 pixels is uncorrelated with their second difference: sorting by the pixel's own level
+    # would gather its outliers in the steps above and below.
+    across = level[:, :-2] + level[:, 1:-1] + level[:, 2:]
+    near = (across[:-2] + across[1:-1] + across[2:]) / np.float32(9)
+    inner = evidence.usable[1:-1, 1:-1]
+    return (np.abs(both)[inner] / np.float32(6 * np.sqrt(evidence.share))).astype(np.float32), near[inner].astype(np.float32)
 
 
 def _winsorised(sizes: Float32s) -> float:

@@ -9,15 +9,12 @@ import numpy as np
 
 from slkit.codecs._gray_code import Mask
 from slkit.codecs._masks import Reader, grey, saturation
+from slkit.codecs._noise import Evidence, noise_curve
 from slkit.data import Float32s, Image
 
 Noise = Callable[[Float32s], Float32s]
 """From grey levels (...) to the noise of one frame at that level, 1 sigma in grey levels."""
 
-_LEAST_VARIANCE = 1 / 12
-_LEVELS = 8
-_LEAST_SAMPLES = 100
-_WINSOR = 3.0
 _LEAST_SNR = 1e-3
 
 
@@ -80,40 +77,11 @@ def as_image(levels: Float32s, like: Image) -> Image:
 
 def noise_of_pair(one: Wave, other: Wave) -> Noise:
     """Return the noise that two sets of one scene show: their means differ by noise alone, whatever the texture."""
-    return _noise_of(one.level - other.level, one.level, 1 / one.steps + 1 / other.steps)
+    usable = ~(one.saturated | other.saturated)
+    share = 1 / one.steps + 1 / other.steps
+    return noise_curve([Evidence(one.level - other.level, one.level, usable, share)]).at
 
 
 def noise_of_one(wave: Wave) -> Noise:
     """Return the noise that the mean of one set shows; texture counts as noise here."""
-    return _noise_of(wave.level, wave.level, 1 / wave.steps)
-
-
-def _noise_of(picture: Float32s, level: Float32s, share: float) -> Noise:
-    """Return the noise of one frame from a picture (h, w) that holds `share` of its variance, by grey level (h, w).
-
-    Second differences along both axes remove what changes slowly, outliers are winsorised at 3 sigma, and the variance
-    is interpolated between steps of the grey level because light brings its own noise. Never below that of rounding.
-    Source: Immerkaer, Fast noise variance estimation (1996).
-    """
-    rows = picture[:-2] - 2 * picture[1:-1] + picture[2:]
-    sizes = np.abs(rows[:, :-2] - 2 * rows[:, 1:-1] + rows[:, 2:]).astype(np.float32) / np.float32(6)
-    # The mean of the same 3 x 3 pixels is uncorrelated with their second difference: sorting by the pixel's own level
-    # would gather its outliers in the steps above and below.
-    across = level[:, :-2] + level[:, 1:-1] + level[:, 2:]
-    near = (across[:-2] + across[1:-1] + across[2:]) / 9
-    if not sizes.size:
-        return lambda at: np.full_like(at, np.sqrt(_LEAST_VARIANCE))
-    low, high = float(near.min()), float(near.max())
-    step = np.minimum((near - low) * (_LEVELS / max(high - low, 1e-6)), _LEVELS - 1).astype(np.int8)
-    groups = [g for i in range(_LEVELS) if np.count_nonzero(g := step == i) >= _LEAST_SAMPLES]
-    groups = groups or [np.ones(step.shape, dtype=bool)]
-    variances = [max(_winsorised(sizes[g]) / share, _LEAST_VARIANCE) for g in groups]
-    centers = [float(near[g].mean()) for g in groups]
-    return lambda at: np.sqrt(np.interp(at, centers, variances)).astype(np.float32)
-
-
-def _winsorised(sizes: Float32s) -> float:
-    spread = 1.4826 * float(np.median(sizes))
-    # Rounding can make more than half of the differences vanish; the plain mean square is right then.
-    limit = _WINSOR * spread if spread > 0 else np.inf
-    return float(np.mean(np.minimum(sizes, limit) ** 2, dtype=np.float64))
+    return noise_curve([Evidence(wave.level, wave.level, ~wave.saturated, 1 / wave.steps)]).at

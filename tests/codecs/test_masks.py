@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from slkit.codecs._masks import Reader, collect, colors_at, grey, measure_light, saturation
-from slkit.codecs._noise import noise_curve
+from slkit.codecs._noise import Evidence, noise_curve
 from slkit.data import Frames
 from slkit.errors import DecodeError, InputError
 
@@ -15,7 +15,9 @@ def noisy(rng: np.random.Generator, level: np.ndarray, read: float, gain: float)
 def test_the_noise_curve_is_that_of_the_sensor(rng: np.random.Generator, read: float, gain: float) -> None:
     level = np.tile(np.linspace(5, 230, 400), (300, 1))
     picture = np.rint(noisy(rng, level, read, gain))
-    curve = noise_curve([(picture.astype(np.float32), np.ones(picture.shape, dtype=bool))])
+    curve = noise_curve(
+        [Evidence(picture.astype(np.float32), picture.astype(np.float32), np.ones(picture.shape, dtype=bool))]
+    )
     at = np.array([20, 100, 200], dtype=np.float32)
     np.testing.assert_allclose(curve.at(at), np.sqrt(read**2 + gain * at + 1 / 12), rtol=0.12)
 
@@ -26,14 +28,16 @@ def test_relief_and_print_do_not_count_as_noise(rng: np.random.Generator) -> Non
     # The darker third carries a fine print; what the rest shows still bounds the noise there.
     print_ = np.where((u < 130) & (u > 40), 8 * np.sin(1.7 * u) * np.sin(1.3 * v), 0)
     picture = noisy(rng, level + print_, 1.0, 0.04)
-    curve = noise_curve([(picture, np.ones(picture.shape, dtype=bool))])
+    curve = noise_curve([Evidence(picture, picture, np.ones(picture.shape, dtype=bool))])
     at = np.array([50, 150], dtype=np.float32)
     np.testing.assert_allclose(curve.at(at), np.sqrt(1 + 0.04 * at), rtol=0.15)
 
 
 def test_tiny_pictures_have_the_noise_of_rounding() -> None:
     picture = np.full((2, 2), 9, np.float32)
-    assert noise_curve([(picture, np.ones((2, 2), dtype=bool))]).at(picture)[0, 0] == pytest.approx(12**-0.5)
+    assert noise_curve([Evidence(picture, picture, np.ones((2, 2), dtype=bool))]).at(picture)[0, 0] == pytest.approx(
+        12**-0.5
+    )
 
 
 def test_light_masks_what_is_dark_or_saturated(rng: np.random.Generator) -> None:
