@@ -1,11 +1,11 @@
-"""Draws the pictures of these pages into docs/img and prints their tables: `.venv/bin/python docs/figures.py`.
+"""Draws the pictures of these pages and fills their measured tables: `.venv/bin/python docs/figures.py`.
 
 All of it is simulated, with fixed seeds.
 """
 
 from __future__ import annotations
 
-import sys
+import re
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ import slkit
 from slkit.data import Correspondences, Frames, PointCloud
 from slkit.files import write_png
 from slkit.protocols import Codec
-from slkit.report.figures import draw_cloud
+from slkit.report.figures import VIEWS, draw_cloud
 from slkit.report.measure import cloud_against_truth, volume_error
 from slkit.simulation import SimulatedScanner, board, board_poses, boards_for, build, one_to_one_rig, paper_rig
 from slkit.simulation.light import Tracer
@@ -30,6 +30,7 @@ SEED = 1
 PANEL = (300, 225)
 # Steps of grey that the eye does not see at this size, and that make a noisy PNG half as large.
 STEP = 8
+DETAIL = (500, 380)
 SETTINGS: tuple[tuple[str, dict[str, Any]], ...] = (
     ("gray", {"step": 2}),
     ("gray", {"step": 2, "subpixel": True}),
@@ -39,25 +40,37 @@ SETTINGS: tuple[tuple[str, dict[str, Any]], ...] = (
     ("phase-shift", {}),
     ("phase-shift", {"order": "gray"}),
 )
+HEAD = (
+    "| rig | settings | frames | rows | error px | error / sigma | rms mm | complete |\n"
+    "| --- | --- | --- | --- | --- | --- | --- | --- |\n"
+)
 VOLUME_MM = (900.0, 1000.0, 1100.0, 1200.0, 1300.0)
 
 
-def main(folder: Path) -> None:
-    """Write every picture into a folder and print every table as Markdown."""
-    rigs = {"paper": paper_rig(), "one-to-one": one_to_one_rig()}
-    print("| rig | codec | settings | frames | rows | error px | error / sigma | mm | complete |")
-    print("| --- | --- | --- | --- | --- | --- | --- | --- | --- |")
-    for name, rig in rigs.items():
+def main() -> None:
+    """Write every picture into img/ and every table into its page; print what planar.md tells."""
+    here = Path(__file__).parent
+    rows: dict[str, list[str]] = {codec: [] for codec, _ in SETTINGS}
+    for name, rig in (("paper", paper_rig()), ("one-to-one", one_to_one_rig())):
         scanner = SimulatedScanner(build("free-form", rig), rig, seed=SEED)
         for codec, parameters in SETTINGS:
-            print(f"| {name} | {codec} | {told(parameters)} | {codec_row(scanner, codec, parameters)} |", flush=True)
-    pictures(folder)
+            rows[codec].append(f"| {name} | {told(parameters)} | {codec_row(scanner, codec, parameters)} |\n")
+    for codec, lines in rows.items():
+        page = here / "methods" / f"{codec}.md"
+        before, head, after = page.read_text(encoding="utf-8").partition(HEAD)
+        after = re.sub(r"\A(\|.*\n)*", "", after)
+        page.write_text(before + head + "".join(lines) + after, encoding="utf-8")
+    pictures(here / "img")
     print(planar_row())
 
 
 def told(parameters: dict[str, Any]) -> str:
     """Return settings as `--set` takes them."""
-    return ", ".join(f"`{k}={str(v).lower() if isinstance(v, bool) else v}`" for k, v in parameters.items())
+    return (
+        "defaults"
+        if not parameters
+        else ", ".join(f"`{k}={str(v).lower() if isinstance(v, bool) else v}`" for k, v in parameters.items())
+    )
 
 
 def codec_row(scanner: SimulatedScanner, name: str, parameters: dict[str, Any]) -> str:
@@ -96,26 +109,39 @@ def planar_row() -> str:
 
 def pictures(folder: Path) -> None:
     """Write the pictures of the method pages."""
-    rig = paper_rig()
+    rig = one_to_one_rig()
     scanner = SimulatedScanner(build("free-form", rig), rig, seed=SEED)
+    truth = scanner.truth()
+    box = box_of(truth.visible)
+    width = rig.projector.size[0]
     shown = {"gray": ("x_bit5", {"step": 2}), "line-shift": ("x_line0", {}), "phase-shift": ("x_8_0", {})}
     for name, (frame, parameters) in shown.items():
         codec = slkit.load_codec(name, rig.projector.size, parameters)
+        names, patterns = codec.encode().names, codec.encode()
         frames, found = decoded(scanner, codec)
-        patterns = codec.encode()
-        pattern = patterns[patterns.names.index(frame)]
-        seen = frames[patterns.names.index(frame)]
-        middle = zoomed(seen, found) if name == "line-shift" else seen
-        write_png(folder / f"{name}.png", row(pattern, middle, colours(found, seen.shape[:2], rig.projector.size[0])))
-    draw_boards(folder)
-    frames, found = decoded(scanner, slkit.load_codec("phase-shift", rig.projector.size))
+        index = names.index(frame)
+        left, middle = patterns[index][box], frames[index][box]
+        columns = colours(found, truth.lit.shape, 0, width)[box]
+        if name == "line-shift":
+            # Lines do not survive shrinking, and line centres leave gaps between them.
+            left, middle = enlarged(patterns[index]), zoomed(frames[index], found)
+            columns = cv2.dilate(columns, np.ones((3, 3), np.uint8))
+        write_png(folder / f"{name}.png", row(left, middle, columns))
     cloud, _ = Filters().apply(slkit.triangulate(found, rig))
     write_png(folder / "triangulation.png", by_sigma(cloud))
-    truth = scanner.truth()
-    shape = truth.lit.shape
-    depth = np.full(shape, np.nan)
+    depth = np.full(truth.lit.shape, np.nan)
     depth[truth.camera_xy[:, 1].astype(int), truth.camera_xy[:, 0].astype(int)] = truth.xyz_mm[:, 2]
-    write_png(folder / "simulation.png", row(scanner.photograph(), frames[0], painted(depth)))
+    write_png(folder / "simulation.png", row(scanner.photograph()[box], frames[0][box], painted(depth)[box]))
+    draw_boards(folder)
+
+
+def box_of(mask: npt.NDArray[np.bool_]) -> tuple[slice, slice]:
+    """Return the part of a picture, four to three, that holds what is marked in a mask (h, w)."""
+    rows, cols = np.nonzero(mask)
+    high = max(int(np.ptp(rows)), int(np.ptp(cols)) * 3 // 4) + 40
+    top = max((int(rows.min()) + int(rows.max()) - high) // 2, 0)
+    left = max((int(cols.min()) + int(cols.max()) - high * 4 // 3) // 2, 0)
+    return slice(top, top + high), slice(left, left + high * 4 // 3)
 
 
 def draw_boards(folder: Path) -> None:
@@ -129,11 +155,14 @@ def draw_boards(folder: Path) -> None:
     seen = SimulatedScanner(side_b, rig, seed=SEED).capture(Frames.of([white, projected.draw(size)]))
     write_png(folder / "planar.png", row(SimulatedScanner(side_a, rig, seed=SEED).photograph(), *seen))
     lit = boards_for(rig, lit=True)[0]
-    scene = board(lit, board_poses(rig, lit.extent(), 1, rng, lit=True)[0])
+    scanner = SimulatedScanner(board(lit, board_poses(rig, lit.extent(), 1, rng, lit=True)[0]), rig, seed=SEED)
     codec = slkit.load_codec("gray", size, {"step": 2, "axes": "both"})
-    frames, found = decoded(SimulatedScanner(scene, rig, seed=SEED), codec)
+    frames, found = decoded(scanner, codec)
+    visible = scanner.truth().visible
+    box = box_of(visible)
     stripes = frames[codec.encode().names.index("y_bit5")]
-    write_png(folder / "local-homography.png", row(frames[0], stripes, colours(found, stripes.shape, size[1], axis=1)))
+    rows = colours(found, visible.shape, 1, size[1])
+    write_png(folder / "local-homography.png", row(frames[0][box], stripes[box], rows[box]))
 
 
 def decoded(scanner: SimulatedScanner, codec: Codec) -> tuple[Frames, Correspondences]:
@@ -147,8 +176,8 @@ def held(frames: Frames) -> Frames:
     return Frames.of(list(frames), frames.names)
 
 
-def colours(found: Correspondences, shape: tuple[int, ...], most: int, axis: int = 0) -> Picture:
-    """Return the decoded projector coordinate as a picture, 0 to `most` px; black where nothing is known."""
+def colours(found: Correspondences, shape: tuple[int, ...], axis: int, most: int) -> Picture:
+    """Return a decoded projector coordinate as a picture, 0 to `most` px; black where nothing is known."""
     return painted(found.as_map((shape[0], shape[1]))[..., axis], 0, most)
 
 
@@ -160,13 +189,18 @@ def painted(values: npt.NDArray[Any], low: float | None = None, high: float | No
     return np.where(np.isfinite(values)[..., None], picture, 0).astype(np.uint8)
 
 
-def zoomed(seen: Picture, found: Correspondences, corner: tuple[int, int] = (352, 236)) -> Picture:
-    """Return 48 x 36 px of a camera picture eight times as large, with the line centres as red dots."""
-    x, y = corner
-    part = cv2.resize(seen[y : y + 36, x : x + 48], None, fx=8, fy=8, interpolation=cv2.INTER_NEAREST)
-    picture = np.repeat((np.clip(part * (230 / part.max()), 0, 255)).astype(np.uint8)[..., None], 3, axis=2)
+def enlarged(picture: npt.NDArray[Any]) -> Picture:
+    """Return the 48 x 36 px of a picture at DETAIL eight times as large, as bright as possible."""
+    x, y = DETAIL
+    part = cv2.resize(picture[y : y + 36, x : x + 48], None, fx=8, fy=8, interpolation=cv2.INTER_NEAREST)
+    return np.rint(part * (230 / part.max())).astype(np.uint8)
+
+
+def zoomed(seen: npt.NDArray[Any], found: Correspondences) -> Picture:
+    """Return a detail of a camera picture of `x_line0`, with the centres of its lines as red dots."""
+    picture = np.repeat(enlarged(seen)[..., None], 3, axis=2)
     mine = np.rint(found.projector_xy[:, 0]) % 6 == 0
-    for u, v in 8 * (found.camera_xy[mine] - corner + 0.5):
+    for u, v in 8 * (found.camera_xy[mine] - DETAIL + 0.5):
         cv2.circle(picture, (round(16 * float(u)), round(16 * float(v))), 32, (255, 60, 40), -1, cv2.LINE_AA, 4)
     return picture
 
@@ -191,8 +225,8 @@ def by_sigma(cloud: PointCloud) -> Picture:
     sigma = cloud.sigma_mm
     shade = painted(sigma[None], float(sigma.min()), float(np.percentile(sigma, 98)))[0] / np.float32(255)
     values = (cloud.xyz, shade, sigma, cloud.residual_px, cloud.camera_xy)
-    return coarse(draw_cloud(PointCloud(*values), (720, 540), colored=True))
+    return draw_cloud(PointCloud(*values), (416, 416), VIEWS[:1], colored=True)
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent / "img")
+    main()

@@ -30,8 +30,17 @@ def main(rig: slkit.Rig | None = None) -> None:
     print(f"{len(patterns)} patterns, {len(correspondences)} pixels decoded, {len(cloud)} points left")
     print("removed by filter: " + ", ".join(f"{name} {count}" for name, count in removed.items()))
     error = distances_to_mesh(cloud.xyz, *scanner.scene.mesh())
-    print(f"distance to the true surface: median {np.median(error):.3f} mm, 95 % below {np.percentile(error, 95):.3f} mm")
+    print(
+        f"distance to the true surface: median {np.median(error):.3f} mm, 95 % below {np.percentile(error, 95):.3f} mm"
+    )
+    truth = scanner.truth()
+    depth = np.full(truth.lit.shape, np.nan)
+    depth[truth.lit] = np.linalg.norm(truth.xyz_mm, axis=1)
+    columns, rows = cloud.camera_xy.astype(int).T
+    ratio = (np.linalg.norm(cloud.xyz, axis=1) - depth[rows, columns]) / cloud.sigma_mm
+    spread = 1.4826 * np.nanmedian(np.abs(ratio))
     print(f"sigma that the scan states, along the viewing ray: median {np.median(cloud.sigma_mm):.3f} mm")
+    print(f"true error along the ray / sigma: robust standard deviation {spread:.2f}, 1 is honest")
 
 
 if __name__ == "__main__":

@@ -40,6 +40,13 @@ def test_every_example_is_short_and_numbered():
         assert len(file.read_text().splitlines()) < 100, file.name
 
 
+@pytest.mark.parametrize("page", ["README.md", "patterns/README.md"])
+def test_links_lead_somewhere(page: str):
+    file = EXAMPLES.parent / page
+    links = re.findall(r"\]\(([^)#]+)", file.read_text())
+    assert all((file.parent / link).exists() for link in links if "://" not in link), links
+
+
 def test_demo(tmp_path: Path, scaled: Callable[[Rig, float], Rig], capsys: pytest.CaptureFixture[str]):
     truth = scaled(paper_rig(), 0.75)
     load("00_demo").main(tmp_path, truth, poses=4)

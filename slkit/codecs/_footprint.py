@@ -13,7 +13,7 @@ from slkit.data import Float32s
 
 # Variance in px of what one pixel sees along an axis, 1/12 for its area and 0.32 for a lens in focus, and how far
 # off that may be from one camera to the next.
-VARIANCE, VARIANCE_DOUBT = 0.4, 0.2
+VARIANCE, VARIANCE_DOUBT = 0.4, 0.25
 # Beyond this many px for a patch of variance 1 px, a change is an edge, not a slope that can be corrected for.
 STEEPEST = 0.5
 # What sampling in whole pixels leaves undecided of the place of a line or edge, 1 sigma in px.

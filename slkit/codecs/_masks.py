@@ -15,6 +15,7 @@ from slkit.codecs._noise import Evidence, NoiseCurve, noise_curve
 from slkit.data import Correspondences, Float32s, Frames, Image, check_image, describe_image
 from slkit.errors import DecodeError, InputError
 
+_LEAST_NEIGHBOURS = 6
 _SENSOR_BITS = (10, 12, 14)
 
 
@@ -76,16 +77,28 @@ class Light:
 def measure_light(white: Image, black: Image, min_snr: float) -> Light:
     """Return the light of a scene from its white and black reference pictures.
 
-    A pixel is used where white - black exceeds `min_snr` times the noise of that difference and white is not
-    saturated. Errors: DecodeError where that leaves no pixel.
+    A pixel is used where white - black exceeds `min_snr` times the noise of that difference, white is not saturated,
+    and the same holds around it. Errors: DecodeError where that leaves no pixel.
     """
     high, low = grey(white), grey(black)
     saturated = saturation(white)
     curve = noise_curve([Evidence(high, high, ~saturated), Evidence(low, low, ~saturation(black))])
     lit = high - low > min_snr * np.hypot(curve.at(high), curve.at(low))
-    mask = lit & ~saturated
+    mask = without_rim(lit & ~saturated)
     refuse_empty(mask, lit, saturated)
     return Light(low, high, curve, mask)
+
+
+def without_rim(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """Return a mask (h, w) without the pixels at its border: those with more than two of eight neighbours outside.
+
+    The lens spreads light a pixel beyond what the projector lights, and over the outline of an object: such a pixel
+    reports its neighbour's position. Single holes do not grow, and the picture's own border is none.
+    """
+    height, width = mask.shape
+    around = np.pad(mask, 1, mode="edge").astype(np.uint8)
+    count = sum(around[row : row + height, col : col + width] for row in range(3) for col in range(3))
+    return mask & (count >= _LEAST_NEIGHBOURS + 1)
 
 
 def refuse_empty(mask: npt.NDArray[np.bool_], lit: npt.NDArray[np.bool_], saturated: npt.NDArray[np.bool_]) -> None:

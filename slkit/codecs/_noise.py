@@ -75,7 +75,8 @@ def _roughness(evidence: Evidence) -> tuple[Float32s, Float32s]:
     across = level[:, :-2] + level[:, 1:-1] + level[:, 2:]
     near = (across[:-2] + across[1:-1] + across[2:]) / np.float32(9)
     inner = evidence.usable[1:-1, 1:-1]
-    return (np.abs(both)[inner] / np.float32(6 * np.sqrt(evidence.share))).astype(np.float32), near[inner].astype(np.float32)
+    sizes = np.abs(both)[inner] / np.float32(6 * np.sqrt(evidence.share))
+    return sizes.astype(np.float32), near[inner].astype(np.float32)
 
 
 def _winsorised(sizes: Float32s) -> float:

@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 
+from slkit.codecs._footprint import VARIANCE, displacement
 from slkit.codecs._gray_code import (
     Axes,
     Axis,
@@ -22,7 +23,7 @@ from slkit.codecs._gray_code import (
     probability,
     read_cells,
 )
-from slkit.codecs._masks import Light, Reader, collect, grey, measure_light, refuse_empty
+from slkit.codecs._masks import Light, Reader, collect, grey, measure_light, refuse_empty, without_rim
 from slkit.codecs._phase import Noise, Wave, as_image, noise_of_one, noise_of_pair, read_wave
 from slkit.codecs._unwrap import Ladder, Place, Rung, holds_axis
 from slkit.data import Correspondences, Frames, Image
@@ -216,7 +217,10 @@ class PhaseShift:
             rungs.append(Rung(wave.cycle, wave.cycle_sigma(snr), extent / periods))
             chance *= wave.chance(snr)
         found = Ladder(extent, self.max_period_distance, interval).climb(rungs, mask, start)
-        return Place(found.position, found.sigma, found.confidence * chance, found.mask)
+        # The shift is not taken off, as it is noisier than the phase itself; sigma has to allow for it.
+        light = np.maximum(waves[-1].modulation, np.float32(1))
+        shift = VARIANCE * displacement(found.position, found.mask, light, rungs[-1].pitch / 2)
+        return Place(found.position, np.hypot(found.sigma, shift), found.confidence * chance, found.mask)
 
 
 def _noise(waves: list[Wave], light: Light | None) -> Noise:
@@ -229,6 +233,8 @@ def _modulated(waves: list[Wave], noise: Noise, light: Light | None, min_snr: fl
     saturated = np.logical_or.reduce([wave.saturated for wave in waves])
     lit = np.logical_and.reduce([wave.snr(noise) > min_snr for wave in waves])
     mask = lit & ~saturated if light is None else lit & ~saturated & light.mask
+    # Two rings: the modulation of a rim is large enough to be read long after its place has become its neighbour's.
+    mask = without_rim(without_rim(mask))
     refuse_empty(mask, lit, saturated)
     return mask
 

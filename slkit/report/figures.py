@@ -167,7 +167,7 @@ def _radius(hit: npt.NDArray[np.bool_]) -> int:
     if wide.sum() < 0.75 * wider.sum():
         return _LARGEST_SPLAT + 1
     gaps = cv2.distanceTransform(1 - seen, cv2.DIST_L2, 3)[wide > 0]
-    return max(int(np.ceil(np.percentile(gaps, 98))) + 1, 2) if len(gaps) else 2
+    return max(int(np.ceil(np.percentile(gaps, 95))) + 1, 2) if len(gaps) else 2
 
 
 def _light(depth: Doubles, mask: npt.NDArray[np.bool_]) -> Doubles:
