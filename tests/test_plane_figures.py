@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from slkit import registry
+from slkit.data import Frames
 from slkit.geometry import Rig, homogeneous, intersect_plane
 from slkit.report.measure import plane_fit
 from slkit.simulation import Optics, SimulatedScanner, one_to_one_rig, random_rig, scene, working_volume
@@ -19,6 +20,7 @@ CODECS = {"line-shift": {}, "phase-shift": {}, "gray": {}}
 
 @dataclass(frozen=True)
 class Figures:
+    modulation: float
     rms_px: float
     limit_px: float
     completeness: float
@@ -45,13 +47,12 @@ def measure(name: str, parameters: dict, rig: Rig, optics: Optics, seed: int) ->
     lit = scanner.truth().lit
     covered = np.zeros_like(lit)
     covered[rows[np.abs(away) < 1], cols[np.abs(away) < 1]] = True
-    by_name = dict(zip(seen.names, range(len(seen)), strict=True))
-    white, black = seen[by_name["white"]].astype(float), seen[by_name["black"]].astype(float)
-    modulation = np.maximum(white - black, 1)[rows, cols] / 2
-    limit = _limit(name, codec, optics.read_noise / modulation)
+    limit = _limit(codec, seen, optics.read_noise, rows, cols)
     spread = 1.4826 * float(np.median(np.abs(away / found.sigma[there, axis])))
     completeness = float(_filled(covered, rig, name)[lit].mean())
-    return Figures(float(np.sqrt(np.mean(away**2))), limit, completeness, spread)
+    white, black = (seen[seen.names.index(name)].astype(float) for name in ("white", "black"))
+    modulation = float(np.median((white - black)[lit]))
+    return Figures(modulation, float(np.sqrt(np.mean(away**2))), limit, completeness, spread)
 
 
 def _filled(covered: np.ndarray, rig: Rig, name: str) -> np.ndarray:
@@ -64,22 +65,27 @@ def _filled(covered: np.ndarray, rig: Rig, name: str) -> np.ndarray:
     return np.any(shifts, axis=0)
 
 
-def _limit(name: str, codec, noise: np.ndarray) -> float:
-    """The limit in projector px: of a cell's width for Gray code, of N shifted sinusoids for phase shift."""
-    if name == "gray":
-        return codec.step / np.sqrt(12)
-    if name == "phase-shift":
-        fringes = codec.fringes(codec.axes)
-        period = codec.projector[codec.axes == "y"] / max(fringes.periods)
-        return float(np.sqrt(np.mean((period / (2 * np.pi) * np.sqrt(2 / fringes.steps) * noise) ** 2)))
-    return float("nan")
+def _limit(codec, seen: Frames, noise: float, rows: np.ndarray, cols: np.ndarray) -> float:
+    """The limit in projector px: of a cell's width for Gray code, of N shifted sinusoids for phase shift.
+
+    For sinusoids lambda / (2 pi) sqrt(2 / N) noise / B, with the modulation B that the finest set shows in the picture.
+    """
+    if not hasattr(codec, "fringes"):
+        return getattr(codec, "step", np.nan) / np.sqrt(12)
+    fringes = codec.fringes(codec.axes)
+    finest = [i for i, n in enumerate(seen.names) if n.startswith(f"{codec.axes}_{max(fringes.periods):g}_")]
+    steps = len(finest)
+    wave = sum(seen[i].astype(float) * np.exp(2j * np.pi * k / steps) for k, i in enumerate(finest))
+    modulation = np.abs(wave)[rows, cols] * 2 / steps
+    period = codec.projector[codec.axes == "y"] / max(fringes.periods)
+    return float(np.sqrt(np.mean((period / (2 * np.pi) * np.sqrt(2 / steps) * noise / modulation) ** 2)))
 
 
 @pytest.mark.parametrize("name", CODECS)
 def test_one_projector_pixel_a_camera_pixel(name):
     """Modulation 100 grey levels, noise 2, blur 0.7 px in all (0.5 in each device)."""
     optics = Optics(
-        white_level=0.44, ambient=0.02, read_noise=2.0, shot_noise=0.0, projector_blur_px=0.5, camera_blur_px=0.5
+        white_level=0.62, ambient=0.02, read_noise=2.0, shot_noise=0.0, projector_blur_px=0.5, camera_blur_px=0.5
     )
     found = measure(name, CODECS[name], one_to_one_rig(), optics, 1)
     print(f"\n{name}: {found}, rms / limit {found.rms_px / found.limit_px:.3f}")

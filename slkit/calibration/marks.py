@@ -16,6 +16,7 @@ Points = npt.NDArray[np.float64]
 
 _SCALES = (1.5, 3.0, 6.0)
 _CANDIDATES = 22
+_WEAKEST = 0.3
 _DARK = 8.0
 """Grey level of the stretched picture below which darkness is not told apart."""
 _MIN_CONTRAST = 0.3
@@ -68,14 +69,15 @@ def _saddles(image: npt.NDArray[np.uint8]) -> Points:
         strength = np.sqrt(saddle[rows, cols])
         order = np.argsort(-strength)[: 4 * _CANDIDATES]
         found += [(float(strength[i]), float(cols[i]), float(rows[i])) for i in order]
-    kept: list[tuple[float, float]] = []
-    for _, x, y in sorted(found, reverse=True):
-        if all((x - a) ** 2 + (y - b) ** 2 > (2 * _SCALES[-1]) ** 2 for a, b in kept):
-            if _looks_like_saddle(grey, x, y):
-                kept.append((x, y))
-        if len(kept) == _CANDIDATES:
+    kept: list[tuple[float, float, float]] = []
+    for strength, x, y in sorted(found, reverse=True):
+        # Four marks of one board look much alike: what is far weaker than the fourth strongest is noise.
+        if len(kept) == _CANDIDATES or (len(kept) >= 4 and strength < _WEAKEST * kept[3][0]):
             break
-    return np.array(kept, dtype=np.float64).reshape(-1, 2)
+        apart = all((x - a) ** 2 + (y - b) ** 2 > (2 * _SCALES[-1]) ** 2 for _, a, b in kept)
+        if apart and _looks_like_saddle(grey, x, y):
+            kept.append((strength, x, y))
+    return np.array(kept, dtype=np.float64).reshape(-1, 3)[:, 1:]
 
 
 def _looks_like_saddle(grey: npt.NDArray[np.float32], x: float, y: float) -> bool:
