@@ -85,7 +85,7 @@ def _limit(codec, seen: Frames, noise: float, rows: np.ndarray, cols: np.ndarray
 def test_one_projector_pixel_a_camera_pixel(name):
     """Modulation 100 grey levels, noise 2, blur 0.7 px in all (0.5 in each device)."""
     optics = Optics(
-        white_level=0.62, ambient=0.02, read_noise=2.0, shot_noise=0.0, projector_blur_px=0.5, camera_blur_px=0.5
+        white_level=0.54, ambient=0.02, read_noise=2.0, shot_noise=0.0, projector_blur_px=0.5, camera_blur_px=0.5
     )
     found = measure(name, CODECS[name], one_to_one_rig(), optics, 1)
     print(f"\n{name}: {found}, rms / limit {found.rms_px / found.limit_px:.3f}")
