@@ -9,6 +9,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from slkit.calibration.solve import solve_projector
     from slkit.data import BoardView, Calibration, Capture, Correspondences, Frames, PointCloud
     from slkit.errors import SlkitError
     from slkit.files import read_frames, read_image, read_mesh, read_rig, write_rig
@@ -54,6 +55,7 @@ __all__ = [
     "scan",
     "simulate_calibration",
     "simulate_scan",
+    "solve_projector",
     "triangulate",
     "view",
     "write_cloud",
@@ -61,6 +63,7 @@ __all__ = [
 ]
 
 _HOMES = {
+    "slkit.calibration.solve": ("solve_projector",),
     "slkit.data": ("BoardView", "Calibration", "Capture", "Correspondences", "Frames", "PointCloud"),
     "slkit.errors": ("SlkitError",),
     "slkit.files": ("read_frames", "read_image", "read_mesh", "read_rig", "write_rig"),
