@@ -187,7 +187,9 @@ def test_saturated_pixels_are_left_out(dimmed: Callable[[Frames], Frames]) -> No
     images = [f.copy() for f in dimmed(codec.encode())]
     images[0][10:15, 20:30] = 255
     found = codec.decode(Frames.of(images, codec.encode().names)).as_map((SIZE[1], SIZE[0]))[..., 0]
-    assert np.isnan(found[10:15, 20:30]).all() and np.isnan(found).sum() == 50
+    assert np.isnan(found[10:15, 20:30]).all()
+    found[9:16, 19:31] = 0  # a ring around them may go too, nothing else
+    assert np.isfinite(found).all()
 
 
 def test_bounds_rule_out_wrong_cells_and_narrow_doubtful_ones(dimmed: Callable[[Frames], Frames]) -> None:

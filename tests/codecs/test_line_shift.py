@@ -76,7 +76,7 @@ def test_both_axes_meet_at_each_column(flat: Any, spread: Any) -> None:
 def test_temporal_peaks_give_a_value_for_each_pixel(flat: Any, spread: Any) -> None:
     codec = LineShift(flat.scanner.rig.projector.size, axes="both", peaks="temporal")
     found = codec.decode(flat.frames(codec))
-    assert len(found) > 0.99 * flat.lit.sum()
+    assert len(found) > 0.98 * flat.lit.sum()  # all but the rim of the light
     assert (found.camera_xy == np.rint(found.camera_xy)).all()
     for axis in (0, 1):
         error, sigma = flat.errors(found, axis)

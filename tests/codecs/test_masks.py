@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from slkit.codecs._masks import Reader, collect, colors_at, grey, measure_light, saturation
+from slkit.codecs._masks import Reader, collect, colors_at, grey, measure_light, saturation, without_rim
 from slkit.codecs._noise import Evidence, noise_curve
 from slkit.data import Frames
 from slkit.errors import DecodeError, InputError
@@ -48,9 +48,19 @@ def test_light_masks_what_is_dark_or_saturated(rng: np.random.Generator) -> None
     light = measure_light(white, black, 5.0)
     expected = np.ones((60, 80), dtype=bool)
     expected[:, :20] = expected[10:20, 40:50] = False
-    np.testing.assert_array_equal(light.mask, expected)
+    np.testing.assert_array_equal(light.mask, without_rim(expected))
     assert light.noise(light.high)[30, 60] == pytest.approx(2.0, rel=0.15)
     assert light.span.min() >= 1
+
+
+def test_a_rim_is_one_pixel_wide_and_single_holes_stay_single() -> None:
+    mask = np.zeros((20, 30), dtype=bool)
+    mask[4:16, 5:] = True
+    mask[10, 20] = False
+    inner = np.zeros_like(mask)
+    inner[5:15, 6:] = True
+    inner[10, 20] = False
+    np.testing.assert_array_equal(without_rim(mask), inner)
 
 
 def test_darkness_and_saturation_are_told_apart() -> None:
