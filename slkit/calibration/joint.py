@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -48,54 +48,100 @@ def refine(
     """
     from scipy.optimize import least_squares
 
-    camera, projector = Device("camera", rig.camera, camera_free), Device("projector", rig.projector, projector_free)
-    shared = len(camera.values) + len(projector.values) + 6
-
-    def split(values: Array) -> tuple[Rig, list[Pose]]:
-        lenses, motion, placed = np.split(values, [shared - 6, shared])
-        lens, light = np.split(lenses, [len(camera.values)])
-        moved = Rig(camera.at(lens), projector.at(light), moved_pose(rig.projector_from_camera, motion))
-        return moved, [moved_pose(p, m) for p, m in zip(poses, placed.reshape(-1, 6), strict=True)]
-
-    def residuals(values: Array) -> list[Array]:
-        moved, placed = split(values)
-        pairs = [residuals_of(moved, pose, view) for pose, view in zip(placed, views, strict=True)]
-        return [np.nan_to_num(np.concatenate(pair).ravel(), nan=1e6) for pair in pairs]
-
-    motions = [pose_scale(p) for p in (rig.projector_from_camera, *poses)]
-    scale = np.concatenate([camera.scale, projector.scale, *motions])
-
-    def pooled(values: Array) -> Array:
-        return np.concatenate(residuals(values))
-
-    def jacobian(values: Array) -> Array:
-        return _bordered_jacobian(residuals, values, scale, shared)
-
-    x0 = np.concatenate([camera.values, projector.values, np.zeros(6 + 6 * len(poses))])
-    found: Any = least_squares(pooled, x0, jac=jacobian, x_scale=scale, xtol=1e-12, ftol=1e-10)  # pyright: ignore
-    refined, placed = split(found.x)
-    names = (*camera.names, *projector.names, *pose_names("projector_from_camera"))
-    covariance = covariance_of(found.jac, found.fun)[: len(names), : len(names)]
-    return Refined(refined, tuple(placed), names, covariance)
+    problem = _Problem(rig, poses, views, camera_free, projector_free)
+    found: Any = least_squares(
+        problem.residuals,
+        problem.start,
+        jac=problem.jacobian,  # pyright: ignore[reportArgumentType]
+        x_scale=problem.scale,
+        xtol=1e-12,
+        ftol=1e-10,
+    )
+    refined, placed = problem.split(found.x)
+    count = len(problem.names)
+    return Refined(refined, tuple(placed), problem.names, covariance_of(found.jac, found.fun)[:count, :count])
 
 
-def _bordered_jacobian(residuals: Callable[[Array], list[Array]], values: Array, scale: Array, shared: int) -> Array:
-    """Return the Jacobian of residuals that come one array a view, by central differences.
+def covariance_in_sequence(
+    rig: Rig,
+    poses: Sequence[Pose],
+    views: Sequence[BoardView],
+    camera_free: Sequence[str],
+    projector_free: Sequence[str],
+) -> tuple[tuple[str, ...], Array]:
+    """Return the names and covariance (p, p) of a rig whose projector was solved after camera and poses.
 
-    The first `shared` values act on every view, then six a view act on that view alone: these are shifted together.
+    The camera and the board poses scatter as their own residuals tell; the projector scatters with its residuals and,
+    through the points that it is fitted to, with camera and poses. poses: camera_from_board, one a view.
     """
-    steps = _STEP * scale
-    ends = np.cumsum([len(r) for r in residuals(values)])
-    jacobian = np.zeros((ends[-1], len(values)))
-    for k in range(shared + 6):
-        columns = [k] if k < shared else list(range(k, len(values), 6))
-        shift = np.zeros(len(values))
-        shift[columns] = steps[columns]
-        pairs = zip(residuals(values + shift), residuals(values - shift), strict=True)
-        for view, (above, below) in enumerate(pairs):
-            column = k if k < shared else columns[view]
-            jacobian[ends[view] - len(above) : ends[view], column] = (above - below) / (2 * steps[column])
-    return jacobian
+    problem = _Problem(rig, poses, views, camera_free, projector_free)
+    jacobian, residuals = problem.jacobian(problem.start), problem.residuals(problem.start)
+    of_camera = np.concatenate([np.repeat([True, False], [2 * v.printed.sum(), 2 * v.projected.sum()]) for v in views])
+    lens = np.arange(len(problem.camera.values))
+    last = np.arange(len(lens), problem.shared)
+    first = np.setdiff1d(np.arange(len(problem.start)), last)
+    before = covariance_of(jacobian[np.ix_(of_camera, first)], residuals[of_camera])
+    after = jacobian[np.ix_(~of_camera, last)]
+    carry = -np.linalg.lstsq(after, jacobian[np.ix_(~of_camera, first)], rcond=None)[0]
+    own = covariance_of(after, residuals[~of_camera]) + carry @ before @ carry.T
+    crossed = (carry @ before)[:, : len(lens)]
+    return problem.names, np.block([[before[: len(lens), : len(lens)], crossed.T], [crossed, own]])
+
+
+class _Problem:
+    """Residuals of all views as a function of one vector: both lenses, the projector's pose, then six a board pose."""
+
+    def __init__(
+        self,
+        rig: Rig,
+        poses: Sequence[Pose],
+        views: Sequence[BoardView],
+        camera_free: Sequence[str],
+        projector_free: Sequence[str],
+    ) -> None:
+        self._rig, self._poses, self._views = rig, poses, views
+        self.camera = Device("camera", rig.camera, camera_free)
+        self.projector = Device("projector", rig.projector, projector_free)
+        self.shared = len(self.camera.values) + len(self.projector.values) + 6
+        self.names = (*self.camera.names, *self.projector.names, *pose_names("projector_from_camera"))
+        self.start = np.concatenate([self.camera.values, self.projector.values, np.zeros(6 + 6 * len(poses))])
+        motions = [pose_scale(p) for p in (rig.projector_from_camera, *poses)]
+        self.scale = np.concatenate([self.camera.scale, self.projector.scale, *motions])
+
+    def split(self, values: Array) -> tuple[Rig, list[Pose]]:
+        """Return the rig and the board poses that a vector stands for."""
+        lenses, motion, placed = np.split(values, [self.shared - 6, self.shared])
+        lens, light = np.split(lenses, [len(self.camera.values)])
+        moved = moved_pose(self._rig.projector_from_camera, motion)
+        rig = Rig(self.camera.at(lens), self.projector.at(light), moved)
+        return rig, [moved_pose(p, m) for p, m in zip(self._poses, placed.reshape(-1, 6), strict=True)]
+
+    def residuals(self, values: Array) -> Array:
+        """Return all residuals, view by view, those of the camera first."""
+        return np.concatenate(self._by_view(values))
+
+    def jacobian(self, values: Array) -> Array:
+        """Return the Jacobian of `residuals` by central differences.
+
+        The shared values act on every view, then six a view act on that view alone: these are shifted together.
+        """
+        steps = _STEP * self.scale
+        ends = np.cumsum([len(r) for r in self._by_view(values)])
+        jacobian = np.zeros((ends[-1], len(values)))
+        for k in range(self.shared + 6):
+            columns = [k] if k < self.shared else list(range(k, len(values), 6))
+            shift = np.zeros(len(values))
+            shift[columns] = steps[columns]
+            pairs = zip(self._by_view(values + shift), self._by_view(values - shift), strict=True)
+            for view, (above, below) in enumerate(pairs):
+                column = k if k < self.shared else columns[view]
+                jacobian[ends[view] - len(above) : ends[view], column] = (above - below) / (2 * steps[column])
+        return jacobian
+
+    def _by_view(self, values: Array) -> list[Array]:
+        rig, placed = self.split(values)
+        pairs = [residuals_of(rig, pose, view) for pose, view in zip(placed, self._views, strict=True)]
+        return [np.nan_to_num(np.concatenate(pair).ravel(), nan=1e6) for pair in pairs]
 
 
 def residuals_of(rig: Rig, pose: Pose, view: BoardView) -> tuple[Array, Array]:

@@ -66,18 +66,18 @@ class LocalHomography:
         used = [v for v in views if v.problem is None]
         if len(used) < 2:
             raise CalibrationError(f"{len(used)} usable views of the board, but at least two are needed")
-        fit = solve.calibrate_camera(used, used[0].image_size, self.camera_distortion)
-        points = [points_of(fit.camera, p, v)[v.projected] for p, v in zip(fit.poses, used, strict=True)]
+        camera, poses = solve.calibrate_camera(used, used[0].image_size, self.camera_distortion)
+        points = [points_of(camera, p, v)[v.projected] for p, v in zip(poses, used, strict=True)]
         pixels = [v.projector_xy[v.projected] for v in used]
         start = solve.solve_projector(
             np.concatenate(points), np.concatenate(pixels), self.projector, self.projector_distortion
         )
-        rough = Rig(fit.camera, start.projector, start.projector_from_camera)
-        refined = refine(rough, fit.poses, used, self.camera_distortion, self.projector_distortion)
+        rough = Rig(camera, start.projector, start.projector_from_camera)
+        refined = refine(rough, poses, used, self.camera_distortion, self.projector_distortion)
 
         boards = [v.board_xy[v.projected] for v in used]
         alone = solve.calibrate_alone(boards, pixels, refined.rig.projector, self.projector_distortion)
-        camera_alone = [residuals_of(rough, p, v)[0] for p, v in zip(fit.poses, used, strict=True)]
+        camera_alone = [residuals_of(rough, p, v)[0] for p, v in zip(poses, used, strict=True)]
         own = {v.name: pair for v, *pair in zip(used, camera_alone, alone, strict=True)}
         joint = {v.name: residuals_of(refined.rig, p, v) for p, v in zip(refined.poses, used, strict=True)}
         residuals = {name: (camera, projector) for name, (camera, projector) in own.items()}

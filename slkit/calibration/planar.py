@@ -16,7 +16,7 @@ from slkit.calibration import solve
 from slkit.calibration._parameters import DEFAULT_DISTORTION, check_distortion
 from slkit.calibration._results import calibration
 from slkit.calibration.detect import find_checkerboard, find_projected, to_8bit
-from slkit.calibration.joint import points_of, residuals_of
+from slkit.calibration.joint import covariance_in_sequence, points_of, residuals_of
 from slkit.calibration.marks import find_marks
 from slkit.data import BoardView, Calibration, Capture, Image, describe_image
 from slkit.errors import CalibrationError
@@ -67,29 +67,33 @@ class Planar:
         for found, side in ((printed, "side A (printed checkerboard)"), (white, "side B (marks and projection)")):
             if len(found) < 2:
                 raise CalibrationError(f"{len(found)} usable views of {side}, but at least two are needed")
-        fit = solve.calibrate_camera(printed, printed[0].image_size, self.camera_distortion)
-        placed = [_placed(fit.camera, v) for v in white]
+        camera, poses_a = solve.calibrate_camera(printed, printed[0].image_size, self.camera_distortion)
+        placed = [_placed(camera, v) for v in white]
         white = [v for v, _ in placed]
         poses = {v.name: pose for v, pose in placed}
-        points = {v.name: points_of(fit.camera, poses[v.name], v) for v in white}
+        points = {v.name: points_of(camera, poses[v.name], v) for v in white}
         xyz = np.concatenate([points[v.name][v.projected] for v in white])
         pixels = np.concatenate([v.projector_xy[v.projected] for v in white])
         projector = solve.solve_projector(xyz, pixels, self.projector, self.projector_distortion)
-        rig = Rig(fit.camera, projector.projector, projector.projector_from_camera)
+        rig = Rig(camera, projector.projector, projector.projector_from_camera)
 
-        joint = {v.name: residuals_of(rig, p, v) for v, p in zip(printed, fit.poses, strict=True)}
+        joint = {v.name: residuals_of(rig, p, v) for v, p in zip(printed, poses_a, strict=True)}
         joint |= {v.name: residuals_of(rig, poses[v.name], v) for v in white}
         boards = [poses[v.name].inverse().apply(points[v.name][v.projected])[:, :2] for v in white]
         alone = solve.calibrate_alone(
             boards, [v.projector_xy[v.projected] for v in white], rig.projector, self.projector_distortion
         )
         own = dict(joint) | {v.name: (joint[v.name][0], r) for v, r in zip(white, alone, strict=True)}
-        covariance = np.zeros((len(fit.covariance) + len(projector.covariance),) * 2)
-        covariance[: len(fit.covariance), : len(fit.covariance)] = fit.covariance
-        covariance[len(fit.covariance) :, len(fit.covariance) :] = projector.covariance
+        parameters, covariance = covariance_in_sequence(
+            rig,
+            [*poses_a, *poses.values()],
+            [*printed, *white],
+            self.camera_distortion,
+            self.projector_distortion,
+        )
         noted = {v.name: v for v in white}
         shown = [noted.get(v.name, v) for v in views]
-        return calibration("planar", rig, shown, own, joint, (*fit.parameters, *projector.parameters), covariance)
+        return calibration("planar", rig, shown, own, joint, parameters, covariance)
 
     def _observe(self, capture: Capture, size: tuple[int, int]) -> BoardView:
         pictures = (capture.printed, capture.marks, capture.projected)

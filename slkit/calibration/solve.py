@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
@@ -12,7 +11,6 @@ import numpy.typing as npt
 
 from slkit.calibration._parameters import (
     DEFAULT_DISTORTION,
-    DISTORTION_NAMES,
     Array,
     Device,
     check_distortion,
@@ -36,7 +34,8 @@ _CRITERIA = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 200, 1e-9)
 class ProjectorFit:
     """A projector located from points in the camera frame.
 
-    residual_xy (m, 2): projected minus known projector px; covariance (p, p) of `parameters`, 1 sigma squared.
+    residual_xy (m, 2): projected minus known projector px; covariance (p, p) of `parameters`, 1 sigma squared,
+    given the points.
     """
 
     projector: Pinhole
@@ -51,23 +50,10 @@ class ProjectorFit:
         return rms(self.residual_xy)
 
 
-@dataclass(frozen=True, eq=False)
-class CameraFit:
-    """A camera calibrated from printed boards.
-
-    poses: camera_from_board, one a view; covariance (p, p) of `parameters`, 1 sigma squared.
-    """
-
-    camera: Pinhole
-    poses: tuple[Pose, ...]
-    parameters: tuple[str, ...]
-    covariance: Array
-
-
 def calibrate_camera(
     views: Sequence[BoardView], size: tuple[int, int], free: Sequence[str] = DEFAULT_DISTORTION
-) -> CameraFit:
-    """Return the camera, with one pose camera_from_board a view, from the printed points of the views.
+) -> tuple[Pinhole, list[Pose]]:
+    """Return the camera, and one pose camera_from_board a view, from the printed points of the views.
 
     size (w, h) px; free: the distortion coefficients that are estimated, the others stay 0.
     Errors: CalibrationError where OpenCV finds no camera. Source: Zhang (2000), as in cv2.calibrateCamera.
@@ -87,28 +73,7 @@ def calibrate_camera(
     except cv2.error as error:
         raise CalibrationError(f"the camera cannot be calibrated from these {len(views)} views: {error.err}") from error
     camera = Pinhole(size, np.asarray(matrix, dtype=np.float64), np.ravel(np.asarray(distortion, dtype=np.float64))[:5])
-    poses = tuple(Pose.from_rotation_vector(np.ravel(r), np.ravel(t)) for r, t in zip(turns, shifts, strict=True))
-    names = tuple(f"camera.{n}" for n in ("fx", "fy", "cx", "cy", *(n for n in DISTORTION_NAMES if n in free)))
-    motions = list(zip(objects, turns, shifts, strict=True))
-    return CameraFit(camera, poses, names, _camera_covariance(camera, motions, images, free))
-
-
-def _camera_covariance(
-    camera: Pinhole, motions: Sequence[tuple[Any, Any, Any]], images: Sequence[Array], free: Sequence[str]
-) -> Array:
-    """Return the covariance of the camera's free values, the poses (board points, rotation, translation) marginal."""
-    lens = [6, 7, 8, 9, *(10 + i for i, n in enumerate(DISTORTION_NAMES) if n in free)]
-    count = len(lens)
-    blocks: list[Array] = []
-    errors: list[Array] = []
-    for i, ((points, turn, shift), seen) in enumerate(zip(motions, images, strict=True)):
-        found, jacobian = cv2.projectPoints(points, turn, shift, camera.K, camera.distortion)[:2]
-        block = np.zeros((2 * len(seen), count + 6 * len(motions)))
-        block[:, :count] = jacobian[:, lens]
-        block[:, count + 6 * i : count + 6 * i + 6] = jacobian[:, :6]
-        blocks.append(block)
-        errors.append((found.reshape(-1, 2) - seen).ravel())
-    return covariance_of(np.concatenate(blocks), np.concatenate(errors))[:count, :count]
+    return camera, [Pose.from_rotation_vector(np.ravel(r), np.ravel(t)) for r, t in zip(turns, shifts, strict=True)]
 
 
 def calibrate_alone(

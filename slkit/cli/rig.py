@@ -32,7 +32,7 @@ def show(
         print_json(table)
         return
     for name, device in (("camera", found.camera), ("projector", found.projector)):
-        print(_describe(name, device))
+        print(_describe(name, device, table["sigma"]))
     center = _row(table["projector_center_mm"], 2)
     print(f"baseline: {number(table['baseline_mm'], 2)} mm; projector centre at {center} mm")
     print(f"rotation camera to projector: {number(table['rotation_deg'], 3)} deg")
@@ -93,13 +93,28 @@ def _table(rig: Rig, origin: dict[str, Any]) -> dict[str, Any]:
         "baseline_mm": float(np.linalg.norm(pose.translation)),
         "projector_center_mm": rig.projector_center.tolist(),
         "rotation_deg": float(np.degrees(np.linalg.norm(pose.rotation_vector))),
+        "sigma": _sigmas(rig),
         "rms_px": origin.get("rms_px"),
         "method": origin.get("method"),
     }
 
 
-def _describe(name: str, device: Pinhole) -> str:
+def _sigmas(rig: Rig) -> dict[str, float]:
+    """Return 1 sigma of every parameter that the covariance names; empty without one."""
     import numpy as np
+
+    if rig.covariance is None:
+        return {}
+    spread = np.sqrt(np.diag(np.asarray(rig.covariance["matrix"], dtype=np.float64)))
+    return dict(zip(rig.covariance["parameters"], spread.tolist(), strict=True))
+
+
+def _describe(name: str, device: Pinhole, sigmas: dict[str, float]) -> str:
+    import numpy as np
+
+    def spread(*parameters: str) -> str:
+        known = [sigmas.get(f"{name}.{p}") for p in parameters]
+        return "" if None in known else f" (+- {_row(known, 2)})"
 
     width, height = device.size
     focal = np.array([device.K[0, 0], device.K[1, 1]])
@@ -108,7 +123,8 @@ def _describe(name: str, device: Pinhole) -> str:
     angles = np.degrees(np.arctan(edges[1]) - np.arctan(edges[0]))
     lines = [
         f"{name}: {width} x {height} px, angle of view {_row(angles, 1)} deg",
-        f"  focal length {_row(focal, 2)} px, principal point {_row(device.K[:2, 2], 2)} px, skew {device.K[0, 1]:.4g}",
+        f"  focal length {_row(focal, 2)}{spread('fx', 'fy')} px, principal point {_row(device.K[:2, 2], 2)}"
+        f"{spread('cx', 'cy')} px, skew {device.K[0, 1]:.4g}",
         f"  distortion k1 k2 p1 p2 k3: {_row(device.distortion, 5)}",
     ]
     return "\n".join(lines)

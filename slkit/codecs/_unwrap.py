@@ -61,7 +61,7 @@ class Ladder:
                 place = self._place_in_interval(first, mask)
         for rung in rungs:
             place = self._refine(place, rung, longest)
-        return Place(place.position, place.sigma, place.confidence, place.mask & self._inside(place, longest))
+        return Place(place.position, place.sigma, place.confidence, place.mask & mask & self._inside(place, longest))
 
     def _place_on_one_period(self, rung: Rung, mask: Mask) -> Place:
         # Taken around the middle of the axis, so that noise wraps at both ends alike.

@@ -78,7 +78,7 @@ class Fringes:
 class PhaseShift:
     """Sinusoidal fringes on one or both projector axes.
 
-    projector (w, h) px. x, y: the fringes of an axis; None: about 16 px a period at the finest set, whole numbers of
+    projector (w, h) px. x, y: the fringes of an axis; None, filled in where it is coded: about 16 px a period at the finest set, whole numbers of
     periods down to one in steps of about 8, four shifts each. Four is the least that is blind to the second harmonic,
     where a projector's gamma of about 2 puts nearly all of its distortion; more shifts lower sigma with their root.
     references: a white and a black frame first; without them the mean of the first set is the lit picture. order:
@@ -113,6 +113,8 @@ class PhaseShift:
         if self.order == "gray" and not self.references:
             raise InputError("order 'gray' compares its bits with white and black: set references = true")
         for axis in coded_axes(self.axes):
+            # Filled in, so that a capture.toml says what was projected even if the defaults change.
+            object.__setattr__(self, axis, self.fringes(axis))
             periods = self.fringes(axis).periods
             if self._extent(axis) / max(periods) < _SHORTEST_PITCH_PX:
                 raise InputError(f"{axis}: {max(periods):g} periods are shorter than {_SHORTEST_PITCH_PX} px each")
@@ -136,7 +138,8 @@ class PhaseShift:
         """Return one correspondence for every pixel that all coded axes label, at the pixel's centre.
 
         Each frame is read once. sigma: period / (2 pi) sqrt(2 / steps) noise / modulation in projector px, with the
-        noise of one frame measured in the frames themselves at that grey level. confidence: the odds of every chosen
+        noise of one frame measured in the frames themselves at that grey level, hypot the shift of a pixel that sees a
+        patch (`displacement`). Two rings at the rim of what is lit are left out. confidence: the odds of every chosen
         period against its neighbour (`Ladder`), times the chance that noise alone modulates less (`Wave.chance`).
         bounds (h, w, 4) choose the period where the coarsest set has more than one; otherwise they reject what lies
         outside. Errors: InputError where frames do not fit the patterns or the fringes need bounds; DecodeError where

@@ -172,15 +172,32 @@ def test_joint_refinement_lowers_the_joint_residual_and_keeps_the_exact_rig():
     rig = rig_of(None)
     rng = np.random.default_rng(3)
     views = synthetic.coded_views(rig, rng, 5, 0.2)
-    fit = calibrate_camera(views, rig.camera.size)
-    rough = Rig(fit.camera, rig.projector, rig.projector_from_camera)
-    refined = refine(rough, fit.poses, views, ("k1", "k2", "p1", "p2"), ("k1", "k2", "p1", "p2"))
+    camera, poses = calibrate_camera(views, rig.camera.size)
+    rough = Rig(camera, rig.projector, rig.projector_from_camera)
+    refined = refine(rough, poses, views, ("k1", "k2", "p1", "p2"), ("k1", "k2", "p1", "p2"))
 
     def joint(of: Rig, poses) -> float:
         found = [r for p, v in zip(poses, views, strict=True) for r in residuals_of(of, p, v)]
         return float(np.sqrt((np.concatenate(found) ** 2).sum(axis=1).mean()))
 
-    assert joint(refined.rig, refined.poses) < joint(rough, fit.poses)
+    assert joint(refined.rig, refined.poses) < joint(rough, poses)
     assert joint(refined.rig, refined.poses) == pytest.approx(0.2 * np.sqrt(2), rel=0.1)
     assert refined.covariance.shape == (len(refined.parameters),) * 2
     assert (np.diag(refined.covariance) > 0).all()
+
+
+def test_planar_covariance_predicts_the_scatter_of_the_whole_rig():
+    """24 calibrations of one rig: the spread of camera and projector against what each says of itself."""
+    rig = rig_of(None)
+    found = [solved(rig, 300 + seed, 0.1, 8) for seed in range(24)]
+    names = found[0].covariance["parameters"]
+    chosen = [names.index(n) for n in ("camera.fx", "camera.cx", "projector.fx", "projector.fy", "projector.cy")]
+    truth = [rig.camera.K[0, 0], rig.camera.K[0, 2], *(rig.projector.K[i] for i in ((0, 0), (1, 1), (1, 2)))]
+    normalized = []
+    for result in found:
+        c, p = result.rig.camera.K, result.rig.projector.K
+        error = np.array([c[0, 0], c[0, 2], p[0, 0], p[1, 1], p[1, 2]]) - truth
+        normalized.append(error / np.sqrt(np.diag(result.covariance["matrix"]))[chosen])
+    spread = np.sqrt(np.mean(np.square(normalized), axis=0))
+    print(f"rms of error / sigma over 24 rigs: {np.round(spread, 2)}")
+    assert np.all((spread > 0.6) & (spread < 1.5)), spread

@@ -144,6 +144,18 @@ def test_the_ends_of_the_axis_are_not_mixed_up() -> None:
     assert {0.0, 511.0} <= set(found.camera_xy[:, 0].tolist())
 
 
+@pytest.mark.parametrize("order", ["temporal", "gray"])
+def test_a_patch_that_saturates_in_one_frame_is_left_out(order: str) -> None:
+    codec = PhaseShift((256, 96), order=order)
+    frames = see(codec)
+    images = [image.copy() for image in frames]
+    fringe = next(i for i, n in enumerate(codec.encode().names) if n.startswith("x_") and "bit" not in n)
+    images[fringe][40:60, 100:130] = 255
+    found = codec.decode(Frames.of(images, frames.names)).as_map((96, 256))[..., 0]
+    assert np.isnan(found[40:60, 100:130]).all()
+    assert np.isfinite(found[:30]).mean() > 0.95
+
+
 def test_saturated_and_unlit_pixels_are_left_out() -> None:
     codec = PhaseShift((256, 96))
     rng = np.random.default_rng(0)
