@@ -51,6 +51,7 @@ class Device:
         self.scale = np.array([K[0, 0], K[1, 1], K[0, 0], K[1, 1], *([1.0] * len(self._free))])
 
     def at(self, values: Array) -> Pinhole:
+        """Return the pinhole that `values` (p,), in the order of `names`, stand for."""
         K = np.array(self._start.K)
         K[0, 0], K[1, 1], K[0, 2], K[1, 2] = np.maximum(values[0], 1e-3), np.maximum(values[1], 1e-3), *values[2:4]
         distortion = np.array(self._start.distortion)
@@ -59,15 +60,18 @@ class Device:
 
 
 def moved_pose(pose: Pose, motion: Array) -> Pose:
+    """Return a pose after a small motion (6,): rotation vector in radians, then translation in mm."""
     turn = Pose.from_rotation_vector(motion[:3], np.zeros(3)).rotation
     return Pose(turn @ pose.rotation, pose.translation + motion[3:])
 
 
 def pose_scale(pose: Pose) -> Array:
+    """Return what a motion (6,) of this pose is measured in: radians, and its distance in mm."""
     return np.array([1.0, 1.0, 1.0] + [max(float(np.linalg.norm(pose.translation)), 1e-3)] * 3)
 
 
 def pose_names(name: str) -> tuple[str, ...]:
+    """Return the names of a motion's six values."""
     return tuple(f"{name}.{part}" for part in ("rx", "ry", "rz", "tx", "ty", "tz"))
 
 

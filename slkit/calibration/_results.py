@@ -70,7 +70,7 @@ def _verdict(rms_joint: float, used: int, results: Sequence[ViewResult]) -> Verd
     if used < _MANY_VIEWS:
         remedy = f"take at least {_MANY_VIEWS}, at different depths and tilts, over the whole image"
         reasons.append(Finding(f"only {used} views locate the projector", "", remedy))
-    reasons += [Finding(r.reason, r.name, "see the reason; the view was left out") for r in results if not r.used]
+    reasons += [Finding(r.reason, r.name, "take this view again, or remove it") for r in results if not r.used]
     bad = rms_joint > _USABLE_PX
     good = rms_joint <= _GOOD_PX and used >= _MANY_VIEWS
     return Verdict("bad" if bad else "good" if good else "usable", tuple(reasons))

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from slkit.data import Image
+from slkit.data import Image, describe_image
 from slkit.targets import ORIGIN_MARK_RADIUS, ProjectedCheckerboard, grid
 
 Corners = npt.NDArray[np.float64]
@@ -26,6 +26,16 @@ def to_8bit(image: Image) -> npt.NDArray[np.uint8]:
     grey = image.astype(np.float32) if image.ndim == 2 else image.mean(axis=2, dtype=np.float32)
     low, high = np.percentile(grey, (0.5, 99.5))
     return np.clip((grey - low) * (255 / max(float(high - low), 1.0)), 0, 255).astype(np.uint8)
+
+
+def picture_size(picture: Image) -> tuple[int, int]:
+    """Return width and height in px."""
+    return picture.shape[1], picture.shape[0]
+
+
+def wrong_size(picture: Image, size: tuple[int, int]) -> str:
+    """Return why a picture cannot go with a first one of size (w, h)."""
+    return f"its picture is {describe_image(picture)}, the first is {size[0]} x {size[1]} px"
 
 
 def find_checkerboard(image: npt.NDArray[np.uint8], corners: tuple[int, int]) -> Corners | None:

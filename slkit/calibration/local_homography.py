@@ -17,7 +17,7 @@ import numpy.typing as npt
 from slkit.calibration import solve
 from slkit.calibration._parameters import DEFAULT_DISTORTION, check_distortion
 from slkit.calibration._results import calibration
-from slkit.calibration.detect import Corners, find_checkerboard, spacing_of, to_8bit
+from slkit.calibration.detect import Corners, find_checkerboard, picture_size, spacing_of, to_8bit, wrong_size
 from slkit.calibration.joint import points_of, refine, residuals_of
 from slkit.data import BoardView, Calibration, Capture, Correspondences
 from slkit.errors import CalibrationError, InputError
@@ -56,7 +56,8 @@ class LocalHomography:
 
         A capture without a board, or whose code is silent around most corners, becomes a view that says so.
         """
-        return [self._observe(capture) for capture in captures]
+        sizes = [picture_size(c.lit) for c in captures if c.lit is not None]
+        return [self._observe(capture, sizes[0] if sizes else (1, 1)) for capture in captures]
 
     def solve(self, views: Sequence[BoardView]) -> Calibration:
         """Return the rig that fits all printed corners in camera and projector best, both weighted alike.
@@ -78,17 +79,15 @@ class LocalHomography:
         boards = [v.board_xy[v.projected] for v in used]
         alone = solve.calibrate_alone(boards, pixels, refined.rig.projector, self.projector_distortion)
         camera_alone = [residuals_of(rough, p, v)[0] for p, v in zip(poses, used, strict=True)]
-        own = {v.name: pair for v, *pair in zip(used, camera_alone, alone, strict=True)}
+        own = {v.name: pair for v, pair in zip(used, zip(camera_alone, alone, strict=True), strict=True)}
         joint = {v.name: residuals_of(refined.rig, p, v) for p, v in zip(refined.poses, used, strict=True)}
-        residuals = {name: (camera, projector) for name, (camera, projector) in own.items()}
-        return calibration(
-            "local-homography", refined.rig, views, residuals, joint, refined.parameters, refined.covariance
-        )
+        return calibration("local-homography", refined.rig, views, own, joint, refined.parameters, refined.covariance)
 
-    def _observe(self, capture: Capture) -> BoardView:
+    def _observe(self, capture: Capture, size: tuple[int, int]) -> BoardView:
         if capture.lit is None or capture.correspondences is None:
-            return BoardView.unusable(capture.name, (1, 1), "it holds no decoded light")
-        size = capture.lit.shape[1], capture.lit.shape[0]
+            return BoardView.unusable(capture.name, size, "it holds no decoded light")
+        if picture_size(capture.lit) != size:
+            return BoardView.unusable(capture.name, size, wrong_size(capture.lit, size))
         nx, ny = self.printed.corners
         found = find_checkerboard(to_8bit(capture.lit), (nx, ny))
         if found is None:

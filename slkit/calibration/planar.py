@@ -15,10 +15,10 @@ import numpy as np
 from slkit.calibration import solve
 from slkit.calibration._parameters import DEFAULT_DISTORTION, check_distortion
 from slkit.calibration._results import calibration
-from slkit.calibration.detect import find_checkerboard, find_projected, to_8bit
+from slkit.calibration.detect import find_checkerboard, find_projected, picture_size, to_8bit, wrong_size
 from slkit.calibration.joint import covariance_in_sequence, points_of, residuals_of
 from slkit.calibration.marks import find_marks
-from slkit.data import BoardView, Calibration, Capture, Image, describe_image
+from slkit.data import BoardView, Calibration, Capture, Image
 from slkit.errors import CalibrationError
 from slkit.geometry import Pinhole, Pose, Rig, as_size
 from slkit.targets import Checkerboard, CornerMarks, ProjectedCheckerboard
@@ -53,7 +53,7 @@ class Planar:
 
         A picture in which nothing is found, or of another size than the first, becomes a view that says so.
         """
-        sizes = [_size(picture) for c in captures if (picture := _picture(c)) is not None]
+        sizes = [picture_size(picture) for c in captures if (picture := _picture(c)) is not None]
         return [self._observe(c, sizes[0] if sizes else (1, 1)) for c in captures]
 
     def solve(self, views: Sequence[BoardView]) -> Calibration:
@@ -68,9 +68,11 @@ class Planar:
             if len(found) < 2:
                 raise CalibrationError(f"{len(found)} usable views of {side}, but at least two are needed")
         camera, poses_a = solve.calibrate_camera(printed, printed[0].image_size, self.camera_distortion)
-        placed = [_placed(camera, v) for v in white]
-        white = [v for v, _ in placed]
-        poses = {v.name: pose for v, pose in placed}
+        placed = {v.name: _placed(camera, v) for v in white}
+        white = [v for v, _ in placed.values() if v.problem is None]
+        if len(white) < 2:
+            raise CalibrationError(f"{len(white)} views of side B have a pose, but at least two are needed")
+        poses = {name: pose for name, (_, pose) in placed.items() if pose is not None}
         points = {v.name: points_of(camera, poses[v.name], v) for v in white}
         xyz = np.concatenate([points[v.name][v.projected] for v in white])
         pixels = np.concatenate([v.projector_xy[v.projected] for v in white])
@@ -91,16 +93,14 @@ class Planar:
             self.camera_distortion,
             self.projector_distortion,
         )
-        noted = {v.name: v for v in white}
-        shown = [noted.get(v.name, v) for v in views]
+        shown = [placed[v.name][0] if v.name in placed else v for v in views]
         return calibration("planar", rig, shown, own, joint, parameters, covariance)
 
     def _observe(self, capture: Capture, size: tuple[int, int]) -> BoardView:
         pictures = (capture.printed, capture.marks, capture.projected)
         for picture in pictures:
-            if picture is not None and _size(picture) != size:
-                problem = f"its picture is {describe_image(picture)}, the first is {size[0]} x {size[1]} px"
-                return BoardView.unusable(capture.name, size, problem)
+            if picture is not None and picture_size(picture) != size:
+                return BoardView.unusable(capture.name, size, wrong_size(picture, size))
         if capture.printed is not None:
             return self._observe_printed(capture.name, capture.printed)
         if capture.marks is None or capture.projected is None:
@@ -114,14 +114,14 @@ class Planar:
         if found is None:
             nx, ny = self.printed.corners
             problem = f"no printed checkerboard with {nx} x {ny} inner corners was found"
-            return BoardView.unusable(name, _size(picture), problem)
+            return BoardView.unusable(name, picture_size(picture), problem)
         camera_xy = found.reshape(-1, 2)
         seen = np.isfinite(camera_xy).all(axis=1)
         silent = np.full((int(seen.sum()), 2), np.nan)
-        return BoardView(name, _size(picture), self.printed.points()[seen], camera_xy[seen], silent, silent)
+        return BoardView(name, picture_size(picture), self.printed.points()[seen], camera_xy[seen], silent, silent)
 
     def _observe_marks(self, name: str, white: Image, pattern: Image) -> BoardView:
-        size = _size(white)
+        size = picture_size(white)
         marks = find_marks(to_8bit(white), self.marks)
         if marks is None:
             count = len(self.marks.xy_mm)
@@ -145,8 +145,12 @@ class Planar:
         )
 
 
-def _placed(camera: Pinhole, view: BoardView) -> tuple[BoardView, Pose]:
-    pose, _, ratio = solve.board_pose(camera, view.board_xy[view.printed], view.camera_xy[view.printed])
+def _placed(camera: Pinhole, view: BoardView) -> tuple[BoardView, Pose | None]:
+    """Return a view of side B, with what is to be said of its pose, and the pose; None where there is none."""
+    try:
+        pose, _, ratio = solve.board_pose(camera, view.board_xy[view.printed], view.camera_xy[view.printed])
+    except CalibrationError as error:
+        return BoardView.unusable(view.name, view.image_size, str(error)), None
     if ratio < _AMBIGUOUS:
         note = f"its pose is ambiguous (the mirrored one fits only {ratio:.1f} times worse): tilt the board more"
         view = replace(view, notes=(*view.notes, note))
@@ -155,7 +159,3 @@ def _placed(camera: Pinhole, view: BoardView) -> tuple[BoardView, Pose]:
 
 def _picture(capture: Capture) -> Image | None:
     return capture.printed if capture.printed is not None else capture.marks
-
-
-def _size(picture: Image) -> tuple[int, int]:
-    return picture.shape[1], picture.shape[0]

@@ -82,7 +82,7 @@ def calibrate_alone(
     """Return the residuals (n, 2) px a view of a device calibrated by itself, each view with its own pose.
 
     boards: (n, 2) mm in the board's plane; pixels: (n, 2) px; start: a first guess, whose principal point may lie
-    outside the image.
+    outside the image. Errors: CalibrationError where OpenCV finds no solution.
     """
     # OpenCV refuses a principal point outside the image; shifting all pixels alike changes nothing but that test.
     margin = 4 * max(start.size) + int(np.abs(start.K[:2, 2]).max())
@@ -92,15 +92,13 @@ def calibrate_alone(
     size = (start.size[0] + 2 * margin, start.size[1] + 2 * margin)
     objects = [homogeneous_zero(b) for b in boards]
     images = [(p + margin).astype(np.float32) for p in pixels]
-    _, matrix, distortion, turns, shifts = cv2.calibrateCamera(
-        objects,
-        images,
-        size,
-        matrix,
-        np.array(start.distortion),
-        flags=_fixed_flags(free) | cv2.CALIB_USE_INTRINSIC_GUESS,
-        criteria=_CRITERIA,
-    )
+    flags = _fixed_flags(free) | cv2.CALIB_USE_INTRINSIC_GUESS
+    try:
+        _, matrix, distortion, turns, shifts = cv2.calibrateCamera(
+            objects, images, size, matrix, np.array(start.distortion), flags=flags, criteria=_CRITERIA
+        )
+    except cv2.error as error:
+        raise CalibrationError(f"a device cannot be calibrated from these {len(boards)} views: {error.err}") from error
     found = [cv2.projectPoints(o, r, t, matrix, distortion)[0] for o, r, t in zip(objects, turns, shifts, strict=True)]
     return [f.reshape(-1, 2) - (p + margin) for f, p in zip(found, pixels, strict=True)]
 
@@ -114,7 +112,10 @@ def board_pose(camera: Pinhole, board_xy: Array, camera_xy: Array) -> tuple[Pose
     """
     points = homogeneous_zero(board_xy).astype(np.float64)
     undistorted = camera.normalize(camera_xy)
-    found, turns, shifts, _ = cv2.solvePnPGeneric(points, undistorted, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE)
+    try:
+        found, turns, shifts, _ = cv2.solvePnPGeneric(points, undistorted, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE)
+    except cv2.error as error:
+        raise CalibrationError(f"no pose explains the marks: {error.err}") from error
     solutions: list[tuple[float, Pose]] = []
     for turn, shift in zip(turns, shifts, strict=True) if found else ():
         pose = _refine_pose(camera, points, camera_xy, Pose.from_rotation_vector(np.ravel(turn), np.ravel(shift)))

@@ -31,7 +31,9 @@ def calibrate(
     evidence = pipeline.provenance(calibration)
     write_rig(output, calibration.rig, evidence)
     if as_json:
-        print_json({name: evidence[name] for name in ("rms_px", "views", "verdict")} | {"rig": str(output)})
+        views = [view | {"rms_px": view["rms_px"]["joint"]} for view in evidence["views"]]
+        told = {"rms_px": evidence["rms_px"], "views": views, "verdict": evidence["verdict"]}
+        print_json(told | {"rig": str(output)})
     else:
         _print(calibration, evidence, output)
 

@@ -44,6 +44,17 @@ def displacement(value: Float32s, known: npt.NDArray[np.bool_], span: Float32s, 
     return np.where(usable, total, np.float32(0))
 
 
+def around(shift: Float32s) -> Float32s:
+    """Return the largest |shift| (h, w) of each pixel and its eight neighbours.
+
+    Where curvature changes sign a pixel's own shift vanishes, but not the doubt in it.
+    """
+    height, width = shift.shape
+    padded = np.pad(np.abs(shift), 1)
+    rows = np.maximum.reduce([padded[i : i + height] for i in range(3)])
+    return np.maximum.reduce([rows[:, i : i + width] for i in range(3)])
+
+
 def _moved(array: Float32s, axis: int, by: int) -> Float32s:
     result = np.roll(array, by, axis=axis)
     border = slice(0, by) if by > 0 else slice(by, None)

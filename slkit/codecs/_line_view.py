@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from slkit.codecs._footprint import SAMPLING, STEEPEST, VARIANCE, VARIANCE_DOUBT
+from slkit.codecs._footprint import SAMPLING, STEEPEST, VARIANCE, VARIANCE_DOUBT, around
 from slkit.codecs._gray_code import probability
 from slkit.codecs._masks import Light
 from slkit.codecs._peaks import Peaks, agreeing, fill_between, pace, runs_along_rows, sample_row, slope_along_rows
@@ -101,7 +101,8 @@ class View:
         brighter = np.clip(sample_row(gradient, peaks.row, peaks.col), -STEEPEST, STEEPEST)
         spacing = period * self.stretch[peaks.row, peaks.nearest]
         sampling = SAMPLING * np.maximum(_COMFORTABLE_SPACING / spacing, 1) ** 3
-        sigma = np.sqrt(peaks.sigma_col**2 + (VARIANCE_DOUBT * brighter) ** 2 + sampling**2)
+        doubt = VARIANCE_DOUBT * np.minimum(sample_row(around(gradient), peaks.row, peaks.col), STEEPEST)
+        sigma = np.sqrt(peaks.sigma_col**2 + doubt**2 + sampling**2)
         return replace(peaks, col=peaks.col + VARIANCE * brighter, sigma_col=sigma)
 
     def consistent(self, peaks: Peaks, period: float) -> AxisPeaks:

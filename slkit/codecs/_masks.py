@@ -122,11 +122,13 @@ def grey(image: Image) -> Float32s:
 def saturation(image: Image) -> npt.NDArray[np.bool_]:
     """Return the mask (h, w) of pixels at full scale in any channel.
 
-    Full scale is that of the type, or of 10, 12 or 14 bits where a 16-bit picture tops out exactly there.
+    Full scale is that of the type, or of 10, 12 or 14 bits, at the low or the high end of the word, where a 16-bit
+    picture tops out exactly there.
     """
     top = int(image.max())
     full = int(np.iinfo(image.dtype).max)
-    if image.dtype == np.uint16 and top in [2**bits - 1 for bits in _SENSOR_BITS]:
+    sensors = [(2**bits - 1) << shift for bits in _SENSOR_BITS for shift in (0, 16 - bits)]
+    if image.dtype == np.uint16 and top in sensors:
         full = top
     at_top = image >= full
     return at_top if image.ndim == 2 else np.any(at_top, axis=2)

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from slkit.codecs._footprint import NOISE_GAIN, STEEPEST, VARIANCE, VARIANCE_DOUBT, displacement
+from slkit.codecs._footprint import NOISE_GAIN, STEEPEST, VARIANCE, VARIANCE_DOUBT, around, displacement
 from slkit.codecs._gray_code import (
     Axes,
     Axis,
@@ -190,7 +190,7 @@ class LineShift:
             noise = np.sqrt(2 / self.period) * self.period / (2 * np.pi) / np.maximum(snr, 1e-3)
             shift = displacement(value, good, light.span, self.period / 2)
             projector_xy[..., i] = value - VARIANCE * np.clip(shift, -STEEPEST, STEEPEST)
-            sigma[..., i] = np.hypot(NOISE_GAIN * noise, VARIANCE_DOUBT * shift)
+            sigma[..., i] = np.hypot(NOISE_GAIN * noise, VARIANCE_DOUBT * around(shift))
             keep &= good
             margin = np.minimum(margin, coarse.margin)
         return collect(keep, projector_xy, sigma, probability(margin), white)

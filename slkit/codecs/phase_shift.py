@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from slkit.codecs._footprint import VARIANCE, displacement
+from slkit.codecs._footprint import VARIANCE, around, displacement
 from slkit.codecs._gray_code import (
     Axes,
     Axis,
@@ -78,9 +78,10 @@ class Fringes:
 class PhaseShift:
     """Sinusoidal fringes on one or both projector axes.
 
-    projector (w, h) px. x, y: the fringes of an axis; None, filled in where it is coded: about 16 px a period at the finest set, whole numbers of
-    periods down to one in steps of about 8, four shifts each. Four is the least that is blind to the second harmonic,
-    where a projector's gamma of about 2 puts nearly all of its distortion; more shifts lower sigma with their root.
+    projector (w, h) px. x, y: the fringes of an axis; None is filled in where the axis is coded: about 16 px a period
+    at the finest set, whole numbers of periods down to one in steps of about 8, four shifts each. Four is the least
+    that is blind to the second harmonic, where a projector's gamma of about 2 puts nearly all of its distortion; more
+    shifts lower sigma with their root.
     references: a white and a black frame first; without them the mean of the first set is the lit picture. order:
     "temporal" counts periods with coarser sets; "gray" has one set of fringes and a Gray code with cells of at most
     half a period, and needs references.
@@ -223,7 +224,7 @@ class PhaseShift:
         # The shift is not taken off, as it is noisier than the phase itself; sigma has to allow for it.
         light = np.maximum(waves[-1].modulation, np.float32(1))
         shift = VARIANCE * displacement(found.position, found.mask, light, rungs[-1].pitch / 2)
-        return Place(found.position, np.hypot(found.sigma, shift), found.confidence * chance, found.mask)
+        return Place(found.position, np.hypot(found.sigma, around(shift)), found.confidence * chance, found.mask)
 
 
 def _noise(waves: list[Wave], light: Light | None) -> Noise:

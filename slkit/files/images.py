@@ -21,6 +21,8 @@ Progress = Callable[[str, int, int], None]
 """Told what is being done, how many steps are done, and how many there are."""
 
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_JPEG_START, _JPEG_END = b"\xff\xd8", b"\xff\xd9"
+_JPEG_PADDING = 4096  # some cameras append a block behind the end
 _NUMBERED = re.compile(r"\d{3,}_.+\.png", re.IGNORECASE)
 
 
@@ -36,6 +38,8 @@ def read_image(path: str | Path) -> Image:
     data = read_bytes(path)
     if data.startswith(_PNG_SIGNATURE) and not _png_is_whole(data):
         raise FileError(f"{path} is a damaged or truncated PNG picture: copy or take it again")
+    if data.startswith(_JPEG_START) and _JPEG_END not in data[-_JPEG_PADDING:]:
+        raise FileError(f"{path} is a truncated JPEG picture: copy or take it again")
     try:
         # Decoded from memory: cv2.imread accepts truncated files and fails on paths that are not ASCII on some systems.
         image: Any = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)

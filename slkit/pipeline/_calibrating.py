@@ -11,7 +11,7 @@ from typing import Any
 
 from slkit import registry
 from slkit.data import BoardView, Calibration, Capture
-from slkit.errors import CalibrationError, FileError, SlkitError
+from slkit.errors import CalibrationError, FileError, InputError, SlkitError
 from slkit.files import CalibrationFolder, Progress, merged, read_calibration, read_image
 from slkit.pipeline._patterns import load_codec
 from slkit.protocols import Calibrator
@@ -45,6 +45,8 @@ def load_calibration(
     Errors: FileError or InputError naming file and key, PluginError; a pose that cannot be read is dropped instead.
     """
     found = read_calibration(folder)
+    if parameters and "projector" in parameters:
+        raise InputError("the projector's size belongs to the pictures: change it in calibration.toml")
     plugin = registry.load("slkit.calibrators", method or found.method)
     calibrator = registry.create(plugin, merged(found.parameters, parameters or {}), str(found.file))
     jobs = _picture_jobs(found) + _coded_jobs(found)

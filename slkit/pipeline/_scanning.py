@@ -13,7 +13,7 @@ import numpy as np
 
 from slkit import registry
 from slkit.data import Correspondences, Frames, Image, PointCloud
-from slkit.errors import DecodeError, InputError
+from slkit.errors import DecodeError, FileError, InputError
 from slkit.files import Progress, merged, read_bytes, read_capture, write_bytes, write_png
 from slkit.geometry import Rig, homogeneous
 from slkit.pipeline._patterns import load_codec
@@ -123,7 +123,14 @@ def view(cloud_file: str | Path, picture: str | Path) -> None:
     from slkit.export import read_ply
     from slkit.report.figures import draw_cloud
 
-    write_png(picture, draw_cloud(read_ply(read_bytes(cloud_file))))
+    if Path(picture).suffix.lower() != ".png":
+        raise InputError(f"{picture}: a picture is written as PNG, name it so")
+    data = read_bytes(cloud_file)
+    try:
+        cloud = read_ply(data)
+    except FileError as error:
+        raise FileError(f"{cloud_file}: {error}") from error
+    write_png(picture, draw_cloud(cloud))
 
 
 def _decode(codec: Codec, frames: Frames, limits: Bounds | None, folder: str) -> Correspondences:

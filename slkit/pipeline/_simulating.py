@@ -149,9 +149,9 @@ def _planar(
     table = {
         "method": "planar",
         "projector": [width, height],
-        "printed": {"images": _files("side_a", poses)} | registry.parameters_of(printed),
-        "marks": {"images": _files("side_b_white", poses)} | registry.parameters_of(marks),
-        "projected": {"images": _files("side_b_pattern", poses)} | registry.parameters_of(projected),
+        "printed": {"images": "side_a/*.png"} | registry.parameters_of(printed),
+        "marks": {"images": "side_b_white/*.png"} | registry.parameters_of(marks),
+        "projected": {"images": "side_b_pattern/*.png"} | registry.parameters_of(projected),
     }
     write_toml(folder / "calibration.toml", table, _COMMENT)
     return truth
@@ -198,10 +198,6 @@ def _scene(scene: str, rig: Rig) -> Scene:
     if Path(scene).suffix:
         return fitted_mesh(rig, *read_mesh(scene))
     return build(scene, rig)
-
-
-def _files(folder: str, count: int) -> list[str]:
-    return [f"{folder}/{i:03d}.png" for i in range(count)]
 
 
 def _tell(progress: Progress | None, done: int, total: int) -> None:

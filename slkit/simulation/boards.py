@@ -31,7 +31,9 @@ def boards_for(rig: Rig, lit: bool = False) -> tuple[Checkerboard, CornerMarks, 
     focal_x, focal_y = rig.camera.K[0, 0], rig.camera.K[1, 1]
     view = np.array([width / focal_x, height / focal_y]) * distance
     pattern, span = _pattern(rig, distance, view)
-    cell = _round(10 * distance / min(focal_x, focal_y))
+    # Ten camera px, unless the marks would come too near the projected corners.
+    squares = span / (np.array(pattern.corners) + 1)
+    cell = _round(min(10 * distance / min(focal_x, focal_y), 0.5 * float(squares.min())))
     half = np.maximum(1.16 * span / 2 - 3 * cell, 4 * cell)
     x, y = (_round(float(v)) for v in half)
     marks = CornerMarks(((-x, -y), (x, -y), (x, y), (-x, y)), cell)

@@ -59,13 +59,13 @@ def test_json(slkit, calls, tmp_path: Path):
                 "name": "side_a/0",
                 "used": True,
                 "reason": "",
-                "rms_px": {"camera": 0.125, "projector_device": None, "joint": 0.125},
+                "rms_px": 0.125,
             },
             {
                 "name": "side_b/1",
                 "used": False,
                 "reason": "the 4 corner marks were not found",
-                "rms_px": {"camera": None, "projector_device": None, "joint": None},
+                "rms_px": None,
             },
         ],
         "verdict": {

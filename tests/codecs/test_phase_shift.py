@@ -68,6 +68,9 @@ def test_the_patterns_are_those_of_the_formula() -> None:
 
 def test_default_fringes_count_down_to_one_period() -> None:
     assert PhaseShift((1024, 768)).fringes("x").periods == (64, 8, 1)
+    # What is projected is what a capture.toml will say.
+    assert registry.parameters_of(PhaseShift((1024, 768)))["x"]["periods"] == [64, 8, 1]
+    assert PhaseShift((1024, 768)).y is None
     assert PhaseShift((1280, 800), "both").fringes("y").periods == (50, 7, 1)
     assert PhaseShift((20, 20)).fringes("x").periods == (1,)
     assert PhaseShift((1024, 768), order="gray").fringes("x").periods == (64,)
@@ -100,7 +103,7 @@ def test_error_is_at_the_physical_limit_and_sigma_tells_it(parameters: dict[str,
 
 
 @pytest.mark.parametrize(("noise", "texture"), [(0.5, 0.1), (1.0, 0.0), (1.0, 0.5), (4.0, 0.0), (4.0, 0.5)])
-def test_sigma_is_honest_whatever_noise_and_texture(noise: float, texture: float) -> None:
+def test_sigma_is_honest_over_noise_and_texture(noise: float, texture: float) -> None:
     # Each pixel of this camera sees one point: under strong texture and little noise sigma allows for more than that.
     codec = PhaseShift((512, 128))
     error, sigma, share = errors(codec, see(codec, noise=noise, texture=texture, blur=0.01))
