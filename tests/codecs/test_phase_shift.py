@@ -26,7 +26,9 @@ def see(codec: PhaseShift, *, swing=100.0, dark=30.0, noise=2.0, gamma=1.0, blur
     """A camera that sees the projector pixel for pixel; swing: white - black in grey levels."""
     rng = np.random.default_rng(seed)
     width, height = codec.projector
-    albedo = 1 - texture * rng.random((height, width))
+    # Spots some pixels wide, of the whole range: each pixel of this camera sees one point, where a real one would blur.
+    spots = cv2.GaussianBlur(rng.random((height, width)), (0, 0), 4.0)
+    albedo = 1 - texture * (spots - spots.min()) / np.ptp(spots)
     images = []
     for pattern in (patterns := codec.encode()):
         light = cv2.GaussianBlur((pattern / 255.0) ** gamma, (0, 0), blur)
@@ -102,9 +104,8 @@ def test_error_is_at_the_physical_limit_and_sigma_tells_it(parameters: dict[str,
     assert silent is None or np.isnan(error[:, 1]).all()
 
 
-@pytest.mark.parametrize(("noise", "texture"), [(0.5, 0.1), (1.0, 0.0), (1.0, 0.5), (4.0, 0.0), (4.0, 0.5)])
+@pytest.mark.parametrize(("noise", "texture"), [(0.5, 0.5), (1.0, 0.0), (1.0, 0.5), (4.0, 0.0), (4.0, 0.5)])
 def test_sigma_is_honest_over_noise_and_texture(noise: float, texture: float) -> None:
-    # Each pixel of this camera sees one point: under strong texture and little noise sigma allows for more than that.
     codec = PhaseShift((512, 128))
     error, sigma, share = errors(codec, see(codec, noise=noise, texture=texture, blur=0.01))
     assert share > 0.95
