@@ -48,7 +48,7 @@ VOLUME_MM = (900.0, 1000.0, 1100.0, 1200.0, 1300.0)
 
 
 def main() -> None:
-    """Write every picture into img/ and every table into its page; print what planar.md tells."""
+    """Write every picture into img/ and every table into its page; print what the pages of the calibrations tell."""
     here = Path(__file__).parent
     rows: dict[str, list[str]] = {codec: [] for codec, _ in SETTINGS}
     for name, rig in (("paper", paper_rig()), ("one-to-one", one_to_one_rig())):
@@ -61,7 +61,8 @@ def main() -> None:
         after = re.sub(r"\A(\|.*\n)*", "", after)
         page.write_text(before + head + "".join(lines) + after, encoding="utf-8")
     pictures(here / "img")
-    print(planar_row())
+    for codec in (None, "gray", "phase-shift"):
+        print(calibration_row(codec))
 
 
 def told(parameters: dict[str, Any]) -> str:
@@ -95,16 +96,16 @@ def column_error(scanner: SimulatedScanner, found: Correspondences) -> tuple[flo
     return float(np.median(np.abs(error[known]))), float(1.4826 * np.median(np.abs(share - np.median(share))))
 
 
-def planar_row() -> str:
-    """Return the figures of a planar calibration with simulated pictures."""
+def calibration_row(codec: str | None) -> str:
+    """Return the figures of a calibration with simulated pictures: planar, or local homographies with a codec."""
     truth = paper_rig()
     with tempfile.TemporaryDirectory() as folder:
-        slkit.simulate_calibration(folder, truth, seed=SEED)
+        slkit.simulate_calibration(folder, truth, codec=codec, seed=SEED)
         found = slkit.calibrate(folder)
     error = volume_error(found.rig, truth, ray_plane, VOLUME_MM)
     rms = f"camera {found.rms_camera:.3f}, projector {found.rms_projector:.3f}, joint {found.rms_joint:.3f} px"
     cy = f"cy {found.rig.projector.K[1, 2]:.1f} (true {truth.projector.K[1, 2]:.1f}) px"
-    return f"planar: {rms}; {cy}; 3D error {error.rms_mm:.2f} mm as is, {error.aligned_mm:.2f} mm aligned"
+    return f"{codec or 'planar'}: {rms}; {cy}; 3D error {error.rms_mm:.2f} mm as is, {error.aligned_mm:.2f} mm aligned"
 
 
 def pictures(folder: Path) -> None:

@@ -23,7 +23,7 @@ from slkit.triangulation import ray_plane
 OPTICS = Optics(ambient=0.18, projector_gamma=1.8, read_noise=1.0, shot_noise=0.01)
 # One projector pixel is half a camera pixel here: lines two pixels wide, eight apart, are what this camera resolves.
 LINE_SHIFT = {"codec": "line-shift", "parameters": {"axes": "x", "period": 8, "width": 2}}
-REACH_MM = 2.0
+OUTLIER_MM, NEAR_MM = 2.0, 1.0
 
 
 def main(folder: Path, truth: slkit.Rig | None = None, poses: int = 10) -> None:
@@ -38,8 +38,8 @@ def main(folder: Path, truth: slkit.Rig | None = None, poses: int = 10) -> None:
     write_toml(folder / "line-shift.toml", LINE_SHIFT | {"projector": list(truth.projector.size)})
     codecs = [str(folder / "line-shift.toml"), "phase-shift"]
     scans = slkit.simulate_scan(folder / "scan", truth, "free-form", codecs, optics=OPTICS, seed=2)
-    print(f"\ndistance of the scanned points to the true surface, not aligned; outliers: beyond {REACH_MM:g} mm;")
-    print(f"complete: share of the pixels that see it lit, with a point within {REACH_MM:g} mm")
+    print(f"\ndistance of the scanned points to the true surface, not aligned; outliers: beyond {OUTLIER_MM:g} mm;")
+    print(f"complete: share of the pixels that see it lit, with a point within {NEAR_MM:g} mm")
     print(f"{'codec':<12} {'rig':<11} {'points':>7} {'rms mm':>7} {'median':>7} {'outliers':>10} {'complete':>9}")
     for pictures in scans:
         scan(folder, pictures, rig, truth)
@@ -82,9 +82,9 @@ def scan(folder: Path, pictures: Path, rig: slkit.Rig, truth: slkit.Rig) -> None
         ):
             pixels = seen["camera_xy"].astype(int)
             surface = (mesh["vertices_mm"], mesh["faces"])
-            error = cloud_against_truth(cloud, *surface, pixels, seen["xyz_mm"], outlier_mm=REACH_MM, near_mm=REACH_MM)
+            error = cloud_against_truth(cloud, *surface, pixels, seen["xyz_mm"], OUTLIER_MM, NEAR_MM)
         print(
-            f"{pictures.name if used is rig else '':<12} {name:<11} {error.points:>7} {error.rms_mm:>7.3f} "
+            f"{pictures.name if used is rig else '':<12} {name:<11} {len(cloud):>7} {error.rms_mm:>7.3f} "
             f"{error.median_mm:>7.3f} {100 * error.outliers:>8.3f} % {100 * error.completeness:>7.1f} %"
         )
 
