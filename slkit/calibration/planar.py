@@ -7,13 +7,13 @@ instead, which is what the equation stands for.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from slkit.calibration import solve
-from slkit.calibration._parameters import DEFAULT_DISTORTION, check_distortion
+from slkit.calibration._parameters import DEFAULT_DISTORTION, Array, check_distortion
 from slkit.calibration._results import calibration
 from slkit.calibration.detect import find_checkerboard, find_projected, picture_size, to_8bit, wrong_size
 from slkit.calibration.joint import covariance_in_sequence, points_of, residuals_of
@@ -81,10 +81,7 @@ class Planar:
 
         joint = {v.name: residuals_of(rig, p, v) for v, p in zip(printed, poses_a, strict=True)}
         joint |= {v.name: residuals_of(rig, poses[v.name], v) for v in white}
-        boards = [poses[v.name].inverse().apply(points[v.name][v.projected])[:, :2] for v in white]
-        alone = solve.calibrate_alone(
-            boards, [v.projector_xy[v.projected] for v in white], rig.projector, self.projector_distortion
-        )
+        alone = self._projector_alone(rig, white, poses, points)
         own = dict(joint) | {v.name: (joint[v.name][0], r) for v, r in zip(white, alone, strict=True)}
         parameters, covariance = covariance_in_sequence(
             rig,
@@ -95,6 +92,14 @@ class Planar:
         )
         shown = [placed[v.name][0] if v.name in placed else v for v in views]
         return calibration("planar", rig, shown, own, joint, parameters, covariance)
+
+    def _projector_alone(
+        self, rig: Rig, white: Sequence[BoardView], poses: Mapping[str, Pose], points: Mapping[str, Array]
+    ) -> list[Array]:
+        """Return the projector's residuals (n, 2) px a view, each view with a pose of its own."""
+        boards = [poses[v.name].inverse().apply(points[v.name][v.projected])[:, :2] for v in white]
+        pixels = [v.projector_xy[v.projected] for v in white]
+        return solve.calibrate_alone(boards, pixels, rig.projector, self.projector_distortion)
 
     def _observe(self, capture: Capture, size: tuple[int, int]) -> BoardView:
         pictures = (capture.printed, capture.marks, capture.projected)
