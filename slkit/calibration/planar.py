@@ -13,11 +13,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from slkit.calibration import solve
+from slkit.calibration._observe import observe_printed, observe_white
 from slkit.calibration._parameters import DEFAULT_DISTORTION, Array, check_distortion
 from slkit.calibration._results import calibration
-from slkit.calibration.detect import find_checkerboard, find_projected, picture_size, to_8bit, wrong_size
+from slkit.calibration.detect import picture_size, wrong_size
 from slkit.calibration.joint import covariance_in_sequence, points_of, residuals_of
-from slkit.calibration.marks import find_marks
 from slkit.data import BoardView, Calibration, Capture, Image
 from slkit.errors import CalibrationError
 from slkit.geometry import Pinhole, Pose, Rig, as_size
@@ -107,47 +107,12 @@ class Planar:
             if picture is not None and picture_size(picture) != size:
                 return BoardView.unusable(capture.name, size, wrong_size(picture, size))
         if capture.printed is not None:
-            return self._observe_printed(capture.name, capture.printed)
+            return observe_printed(capture.name, capture.printed, self.printed)
         if capture.marks is None or capture.projected is None:
             return BoardView.unusable(
                 capture.name, size, "side B needs a picture under white light and one of the pattern"
             )
-        return self._observe_marks(capture.name, capture.marks, capture.projected)
-
-    def _observe_printed(self, name: str, picture: Image) -> BoardView:
-        found = find_checkerboard(to_8bit(picture), self.printed.corners)
-        if found is None:
-            nx, ny = self.printed.corners
-            problem = f"no printed checkerboard with {nx} x {ny} inner corners was found"
-            return BoardView.unusable(name, picture_size(picture), problem)
-        camera_xy = found.reshape(-1, 2)
-        seen = np.isfinite(camera_xy).all(axis=1)
-        silent = np.full((int(seen.sum()), 2), np.nan)
-        return BoardView(name, picture_size(picture), self.printed.points()[seen], camera_xy[seen], silent, silent)
-
-    def _observe_marks(self, name: str, white: Image, pattern: Image) -> BoardView:
-        size = picture_size(white)
-        marks = find_marks(to_8bit(white), self.marks)
-        if marks is None:
-            count = len(self.marks.xy_mm)
-            return BoardView.unusable(name, size, f"the {count} corner marks were not found on the white side")
-        found = find_projected(pattern, white, self.projected)
-        if isinstance(found, str):
-            return BoardView.unusable(name, size, found)
-        corners, notes = found
-        camera_xy = corners.reshape(-1, 2)
-        seen = np.isfinite(camera_xy).all(axis=1)
-        count, projected = len(marks), int(seen.sum())
-        silent, exact = np.full((count, 2), np.nan), np.zeros((projected, 2))
-        return BoardView(
-            name,
-            size,
-            np.concatenate([self.marks.points(), np.full((projected, 2), np.nan)]),
-            np.concatenate([marks, camera_xy[seen]]),
-            np.concatenate([silent, self.projected.points()[seen]]),
-            np.concatenate([silent, exact]),
-            notes=notes,
-        )
+        return observe_white(capture.name, capture.marks, capture.projected, self.marks, self.projected)
 
 
 def _placed(camera: Pinhole, view: BoardView) -> tuple[BoardView, Pose | None]:
