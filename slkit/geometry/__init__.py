@@ -1,0 +1,29 @@
+"""Poses, lenses and rays in NumPy.
+
+Pixel (0, 0) is the centre of the top-left pixel; x right, y down, z forward; millimetres. `docs/conventions.md` has
+the whole list.
+"""
+
+from __future__ import annotations
+
+from slkit.geometry.checks import Floats, as_floats, as_size
+from slkit.geometry.derivatives import LENS_NAMES, normalize_with_derivatives, project_with_derivatives
+from slkit.geometry.lenses import Pinhole
+from slkit.geometry.poses import Pose
+from slkit.geometry.rays import homogeneous, intersect_plane, intersect_rays
+from slkit.geometry.rigs import Rig
+
+__all__ = [
+    "LENS_NAMES",
+    "Floats",
+    "Pinhole",
+    "Pose",
+    "Rig",
+    "as_floats",
+    "as_size",
+    "homogeneous",
+    "intersect_plane",
+    "intersect_rays",
+    "normalize_with_derivatives",
+    "project_with_derivatives",
+]

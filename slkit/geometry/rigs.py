@@ -1,0 +1,37 @@
+"""A camera, a projector, and where the projector stands."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from slkit.geometry.lenses import Pinhole
+from slkit.geometry.poses import Pose
+
+
+@dataclass(frozen=True, eq=False)
+class Rig:
+    """A camera and a projector, and where the projector stands.
+
+    projector_from_camera takes camera-frame points (mm) to the projector's frame. covariance maps names to arrays as
+    the solver left them; photometry maps names to arrays (colour mixing, response).
+    """
+
+    camera: Pinhole
+    projector: Pinhole
+    projector_from_camera: Pose
+    covariance: Mapping[str, Any] | None = None
+    photometry: Mapping[str, Any] | None = None
+
+    @property
+    def projector_center(self) -> npt.NDArray[np.float64]:
+        """The projector's centre in the camera frame, (3,) mm."""
+        return np.array(self.projector_from_camera.inverse().translation, dtype=np.float64)
+
+    def to_projector(self, xyz: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """Return the projector pixels (..., 2) that light camera-frame points (..., 3) in mm."""
+        return self.projector.project(self.projector_from_camera.apply(xyz))
