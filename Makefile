@@ -19,7 +19,7 @@ demo: $(INSTALLED)
 	$(BIN)/python examples/00_demo.py demo
 
 test: $(INSTALLED)
-	$(BIN)/python -m pytest -n 2
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2
 
 check: $(INSTALLED)
 	$(BIN)/ruff format --check .

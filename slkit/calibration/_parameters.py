@@ -1,22 +1,15 @@
-"""The numbers that a calibration estimates: lenses, poses, and their covariance.
-
-Angles and lengths of a pose are refined as a small motion in front of it, so that no rotation is singular.
-"""
+"""Small motions of poses, rms and covariance."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from slkit.errors import InputError
-from slkit.geometry import Pinhole, Pose
+from slkit.geometry import Pose
 
-Array = npt.NDArray[np.float64]
-DISTORTION_NAMES = ("k1", "k2", "p1", "p2", "k3")
-DEFAULT_DISTORTION = ("k1", "k2", "p1", "p2")
+Array = npt.NDArray[np.floating[Any]]
 
 
 def rms(residual_xy: Array) -> float:
@@ -24,39 +17,9 @@ def rms(residual_xy: Array) -> float:
     return float(np.sqrt((residual_xy**2).sum(axis=1).mean())) if len(residual_xy) else float("nan")
 
 
-def check_distortion(free: Sequence[str], name: str) -> None:
-    """Refuse unknown distortion coefficients. Errors: InputError naming the field `name`."""
-    for coefficient in free:
-        if coefficient not in DISTORTION_NAMES:
-            known = ", ".join(DISTORTION_NAMES)
-            raise InputError(f"{name}: there is no coefficient {coefficient!r}; there are {known}")
-    if ("p1" in free) != ("p2" in free):
-        raise InputError(f"{name}: p1 and p2 are estimated together or not at all")
-
-
 def homogeneous_zero(xy: Array) -> npt.NDArray[np.float32]:
     """Return board points (n, 2) mm as (n, 3) with z = 0, float32 as OpenCV wants them."""
     return np.pad(xy, ((0, 0), (0, 1))).astype(np.float32)
-
-
-class Device:
-    """The free parameters of a pinhole: focal lengths, principal point and the chosen distortion coefficients."""
-
-    def __init__(self, name: str, start: Pinhole, free: Sequence[str]) -> None:
-        self._start = start
-        self._free = [i for i, n in enumerate(DISTORTION_NAMES) if n in free]
-        self.names = tuple(f"{name}.{p}" for p in ("fx", "fy", "cx", "cy", *(DISTORTION_NAMES[i] for i in self._free)))
-        K = start.K
-        self.values = np.array([K[0, 0], K[1, 1], K[0, 2], K[1, 2], *start.distortion[self._free]])
-        self.scale = np.array([K[0, 0], K[1, 1], K[0, 0], K[1, 1], *([1.0] * len(self._free))])
-
-    def at(self, values: Array) -> Pinhole:
-        """Return the pinhole that `values` (p,), in the order of `names`, stand for."""
-        K = np.array(self._start.K)
-        K[0, 0], K[1, 1], K[0, 2], K[1, 2] = np.maximum(values[0], 1e-3), np.maximum(values[1], 1e-3), *values[2:4]
-        distortion = np.array(self._start.distortion)
-        distortion[self._free] = values[4:]
-        return replace(self._start, K=K, distortion=distortion)
 
 
 def moved_pose(pose: Pose, motion: Array) -> Pose:

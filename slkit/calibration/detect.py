@@ -1,4 +1,4 @@
-"""Find printed and projected checkerboards in pictures, to a few hundredths of a pixel."""
+"""Find checkerboards in pictures, to a few hundredths of a pixel."""
 
 from __future__ import annotations
 
@@ -9,12 +9,15 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from slkit.calibration._fit import Drawing, fit_drawing
 from slkit.data import Image, describe_image
-from slkit.targets import ORIGIN_MARK_RADIUS, ProjectedCheckerboard, grid
+from slkit.targets import grid
 
 Corners = npt.NDArray[np.float64]
 """Inner corners as they lie on the board, (ny, nx, 2) camera px; NaN for a corner that was not found."""
 
+WHOLE_REACH = 0.4
+"""How much of plain squares is fitted; their far corners must stay outside."""
 _MISFIT = 0.15
 """A corner further than this share of the local spacing from where its neighbours put it is not a corner."""
 _LOST_SHARE = 0.1
@@ -38,19 +41,38 @@ def wrong_size(picture: Image, size: tuple[int, int]) -> str:
     return f"its picture is {describe_image(picture)}, the first is {size[0]} x {size[1]} px"
 
 
-def find_checkerboard(image: npt.NDArray[np.uint8], corners: tuple[int, int]) -> Corners | None:
+def find_checkerboard(
+    image: npt.NDArray[np.uint8], corners: tuple[int, int], reach: float = WHOLE_REACH
+) -> Corners | None:
     """Return the inner corners (ny, nx, 2) px of a checkerboard in an 8-bit grey picture, or None.
 
-    corners: inner corners, x then y. The order may be turned or mirrored against the board's. Two detectors are
-    asked; each corner is then the point to which the grey-level gradients around it are orthogonal.
+    corners: inner corners, x then y. The order is the board's own, whose first square is black; of a board that looks
+    the same when it is turned the upright one. Two detectors are asked; then the drawing of four squares that
+    meet is fitted to the picture around each corner. reach: how much of each square is fitted, as a share of its side.
     """
     for found in _detections(image, corners):
         refined = _refine(image, found.reshape(corners[1], corners[0], 2))
         misfit = _misfit(refined)
         refined[~(misfit < _MISFIT)] = np.nan
         if np.isnan(refined[..., 0]).mean() <= _LOST_SHARE:
-            return refined
+            return fit_corners(image, _in_order(image, refined, corners), reach)
     return None
+
+
+def _in_order(image: npt.NDArray[np.uint8], found: Corners, corners: tuple[int, int]) -> Corners:
+    """Return corners in the board's order: not mirrored, the square before the first one black, else upright."""
+    variants = [v for v in symmetries(found) if v.shape[:2] == corners[::-1] and unmirrored(v)]
+    return max(variants, key=lambda v: (_first_is_black(image, v), uprightness(v)), default=found)
+
+
+def _first_is_black(image: npt.NDArray[np.uint8], found: Corners) -> bool:
+    """Tell whether the squares between corners are dark where column + row is even."""
+    middle = (found[:-1, :-1] + found[1:, :-1] + found[:-1, 1:] + found[1:, 1:]) / 4
+    seen = np.isfinite(middle).all(axis=2)
+    cols, rows = np.rint(middle[seen]).astype(np.intp).T
+    levels = image[np.clip(rows, 0, image.shape[0] - 1), np.clip(cols, 0, image.shape[1] - 1)].astype(np.float64)
+    even = (np.indices(seen.shape).sum(axis=0) % 2 == 0)[seen]
+    return bool(levels[even].mean() < levels[~even].mean()) if even.any() and not even.all() else True
 
 
 def _detections(image: npt.NDArray[np.uint8], corners: tuple[int, int]) -> Iterator[Corners]:
@@ -72,6 +94,31 @@ def _refine(image: npt.NDArray[np.uint8], found: Corners) -> Corners:
     # The window must not reach the next corner, whatever the tilt: 0.3 of the shortest side of a square.
     half = int(np.clip(0.3 * spacing_of(found).min(), 2, 15))
     return sub_pixel(image, found.reshape(-1, 2), half).reshape(found.shape)
+
+
+def fit_corners(image: npt.NDArray[np.uint8], corners: Corners, reach: float) -> Corners:
+    """Return corners (ny, nx, 2) px moved to where four blurred squares that meet fit the picture best.
+
+    corners: a start, good to half a pixel, NaN where there is none; kept where nothing fits. reach: how much of each
+    square is compared, as a share of its side.
+    """
+    ny, nx = corners.shape[:2]
+    seen = np.isfinite(corners).all(axis=2)
+    matrix: Any = cv2.findHomography(grid((nx, ny)).reshape(ny, nx, 2)[seen], corners[seen])[0]
+    result = corners.copy()
+    if matrix is None:
+        return result
+    far = np.array([-9.0, 0.0, 9.0])
+    drawing = Drawing(far, far, np.eye(2), reach)
+    spacing = spacing_of(corners)
+    for row, col in np.argwhere(seen):
+        # The homography of the board tells the shape of the squares; the lens may have moved them together.
+        start = matrix @ np.array([[1.0, 0, col], [0, 1.0, row], [0, 0, 1.0]])
+        away = corners[row, col] - start[:2, 2] / start[2, 2]
+        found = fit_drawing(image, drawing, np.array([[1, 0, away[0]], [0, 1, away[1]], [0, 0, 1]]) @ start)
+        if found is not None and np.linalg.norm(found[:2, 2] - corners[row, col]) < _MISFIT * spacing[row, col]:
+            result[row, col] = found[:2, 2]
+    return result
 
 
 def sub_pixel(image: npt.NDArray[np.uint8], points: npt.NDArray[np.float64], half: int) -> npt.NDArray[np.float64]:
@@ -119,109 +166,23 @@ def _misfit(corners: Corners) -> npt.NDArray[np.float64]:
     return result
 
 
-def find_projected(
-    pattern: Image, white: Image, target: ProjectedCheckerboard
-) -> tuple[Corners, tuple[str, ...]] | str:
-    """Return the projected corners (ny, nx, 2) px in the pattern's own order and notes, or why they were not found.
-
-    pattern, white: pictures of one board pose under the checkerboard and under white light; their ratio is free of
-    print and vignetting. Origin marks decide between the symmetries; a pattern without them is taken to be upright.
-    """
-    ratio = _light_ratio(pattern, white)
-    found = find_checkerboard(ratio, target.corners)
-    if found is None:
-        found = find_checkerboard(to_8bit(pattern), target.corners)
-    if found is None:
-        return "the projected checkerboard was not found: all of it must lie on the board, in focus, and be seen"
-    return _order(ratio, found, target)
-
-
-def _light_ratio(pattern: Image, white: Image) -> npt.NDArray[np.uint8]:
-    top = white.astype(np.float32) if white.ndim == 2 else white.mean(axis=2, dtype=np.float32)
-    seen = pattern.astype(np.float32) if pattern.ndim == 2 else pattern.mean(axis=2, dtype=np.float32)
-    # Where the white light itself is weak the ratio is noise; a floor lets it fade to black instead.
-    floor = 0.1 * float(np.percentile(top, 99))
-    ratio = np.where(top > floor, seen / np.maximum(top, floor), seen / floor)
-    return np.clip(230 * ratio, 0, 255).astype(np.uint8)
-
-
-def _order(
-    ratio: npt.NDArray[np.uint8], found: Corners, target: ProjectedCheckerboard
-) -> tuple[Corners, tuple[str, ...]] | str:
-    """Return `found` in the pattern's order: the symmetry whose colours and origin marks are the ones seen."""
-    variants = [v for v in _symmetries(found) if v.shape[:2] == (target.corners[1], target.corners[0])]
-    scored = [(_disagreement(ratio, v, target), i) for i, v in enumerate(variants)]
-    best = min(scored)[0]
-    fitting = [variants[i] for score, i in scored if score <= best]
-    if best > 0:
-        return (
-            "the origin marks of the projected checkerboard were not read: is this the pattern of calibration.toml?"
-            if target.origin_marks
-            else "the colours of the projected checkerboard are not those of first_color"
-        )
-    if len(fitting) == 1 and target.origin_marks:
-        if not _unmirrored(fitting[0]):
-            return "the projected checkerboard is mirrored: switch off the projector's rear-projection setting"
-        return fitting[0], ()
-    upright = max((v for v in fitting if _unmirrored(v)), key=_uprightness, default=None)
-    if upright is None:
-        return "the projected checkerboard is mirrored: switch off the projector's rear-projection setting"
-    note = f"the pattern has no origin marks: {len(fitting)} of its symmetries fit, the upright one was taken"
-    return upright, (note,) if len(fitting) > 1 else ()
-
-
-def _symmetries(corners: Corners) -> list[Corners]:
+def symmetries(corners: Corners) -> list[Corners]:
+    """Return the eight orders in which a grid of corners can be read."""
     turned = [corners, corners[::-1], corners[:, ::-1], corners[::-1, ::-1]]
     return turned + [v.transpose(1, 0, 2) for v in turned]
-
-
-def _disagreement(ratio: npt.NDArray[np.uint8], corners: Corners, target: ProjectedCheckerboard) -> int:
-    """Return how many squares between the corners differ in colour, or in carrying a mark, from the pattern."""
-    ny, nx = corners.shape[:2]
-    squares: list[list[int]] = grid((nx - 1, ny - 1)).astype(int).tolist()
-    shades = np.array([_shades(ratio, corners, col, row) for col, row in squares])
-    known = np.isfinite(shades).all(axis=1)
-    rim, center = shades.T
-    expected = np.array([target.square_color(col + 1, row + 1) for col, row in squares])
-    marked = np.array([(col + 1, row + 1) in target.origin_marks for col, row in squares])
-    middle = 0.5 * (np.median(rim[known & (expected > 0)]) + np.median(rim[known & (expected == 0)]))
-    colors_differ = (rim > middle) != (expected > 0)
-    # A centre is judged against its own rim, by half of the contrast between the two kinds of squares.
-    contrast = np.abs(rim - middle)
-    marks_differ = (np.abs(center - rim) > contrast) != marked
-    weak_evidence = ~known | (colors_differ & ~marked)
-    colors = int((known & colors_differ).sum())
-    tolerated = max(len(squares) // 20, 1)
-    marks = int((marks_differ & marked).sum()) + max(
-        int((marks_differ & ~marked & ~weak_evidence).sum()) - tolerated, 0
-    )
-    return (marks if target.origin_marks else 0) + max(colors - tolerated, 0)
-
-
-def _shades(ratio: npt.NDArray[np.uint8], corners: Corners, col: int, row: int) -> tuple[float, float]:
-    """Return the median grey of the rim and of the centre of the square right below corner (col, row)."""
-    quad = corners[row : row + 2, col : col + 2].reshape(4, 2)
-    if np.isnan(quad).any():
-        return np.nan, np.nan
-    rim_at, center_at = 0.37, ORIGIN_MARK_RADIUS / 2
-    ring = np.array([[1, 0], [0, 1], [-1, 0], [0, -1], [1, 1], [1, -1], [-1, 1], [-1, -1]], dtype=np.float64)
-    places = np.concatenate([0.5 + rim_at * ring, 0.5 + center_at * ring])
-    x, y = places.T
-    weights = np.stack([(1 - x) * (1 - y), x * (1 - y), (1 - x) * y, x * y], axis=1)
-    points = (weights @ quad).astype(np.float32)
-    values = cv2.remap(ratio, points[:, :1], points[:, 1:], cv2.INTER_LINEAR).ravel()
-    return float(np.median(values[:8])), float(np.median(values[8:]))
 
 
 def _directions(corners: Corners) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     return np.nanmean(np.diff(corners, axis=1), axis=(0, 1)), np.nanmean(np.diff(corners, axis=0), axis=(0, 1))
 
 
-def _unmirrored(corners: Corners) -> bool:
+def unmirrored(corners: Corners) -> bool:
+    """Tell whether rows follow columns clockwise in the picture, as on the board."""
     x, y = _directions(corners)
     return bool(x[0] * y[1] - x[1] * y[0] > 0)
 
 
-def _uprightness(corners: Corners) -> float:
+def uprightness(corners: Corners) -> float:
+    """Return how well columns point right and rows down, 2 at best."""
     x, y = _directions(corners)
     return float(x[0] / np.linalg.norm(x) + y[1] / np.linalg.norm(y))

@@ -7,7 +7,7 @@ corner a homography from camera to projector pixels carries the corner over.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import cv2
@@ -15,13 +15,12 @@ import numpy as np
 import numpy.typing as npt
 
 from slkit.calibration import solve
-from slkit.calibration._parameters import DEFAULT_DISTORTION, check_distortion
-from slkit.calibration._results import calibration
 from slkit.calibration.detect import Corners, find_checkerboard, picture_size, spacing_of, to_8bit, wrong_size
-from slkit.calibration.joint import points_of, refine, residuals_of
+from slkit.calibration.estimate import estimate
+from slkit.calibration.model import Model
 from slkit.data import BoardView, Calibration, Capture, Correspondences
 from slkit.errors import CalibrationError, InputError
-from slkit.geometry import Rig, as_size
+from slkit.geometry import as_size
 from slkit.targets import Checkerboard
 
 _FEWEST_PIXELS = 30
@@ -34,20 +33,17 @@ class LocalHomography:
     """Calibrate from a printed checkerboard under coded light, camera and projector refined together.
 
     projector: size (w, h) px; printed: the checkerboard; window: half side of the neighbourhood whose decoded pixels
-    carry a corner over, in squares of the board; camera_distortion, projector_distortion: the coefficients of
-    k1 k2 p1 p2 k3 that are estimated, the others are 0. Errors: InputError for values that cannot be.
+    carry a corner over, in squares of the board; model: what is estimated.
+    Errors: InputError for values that cannot be.
     """
 
     projector: tuple[int, int]
     printed: Checkerboard
     window: float = 0.5
-    camera_distortion: tuple[str, ...] = DEFAULT_DISTORTION
-    projector_distortion: tuple[str, ...] = DEFAULT_DISTORTION
+    model: Model = field(default_factory=Model)
 
     def __post_init__(self) -> None:
         as_size(self.projector, "projector")
-        check_distortion(self.camera_distortion, "camera_distortion")
-        check_distortion(self.projector_distortion, "projector_distortion")
         if not 0.1 <= self.window <= 2:
             raise InputError(f"window must lie between 0.1 and 2 squares, not {self.window}")
 
@@ -60,28 +56,16 @@ class LocalHomography:
         return [self._observe(capture, sizes[0] if sizes else (1, 1)) for capture in captures]
 
     def solve(self, views: Sequence[BoardView]) -> Calibration:
-        """Return the rig that fits all printed corners in camera and projector best, both weighted alike.
+        """Return the rig that fits all printed corners in camera and projector best, each weighted by its own scatter.
 
         Errors: CalibrationError for fewer than two usable views, or views that do not determine the rig.
         """
         used = [v for v in views if v.problem is None]
         if len(used) < 2:
             raise CalibrationError(f"{len(used)} usable views of the board, but at least two are needed")
-        camera, poses = solve.calibrate_camera(used, used[0].image_size, self.camera_distortion)
-        points = [points_of(camera, p, v)[v.projected] for p, v in zip(poses, used, strict=True)]
-        pixels = [v.projector_xy[v.projected] for v in used]
-        start = solve.solve_projector(
-            np.concatenate(points), np.concatenate(pixels), self.projector, self.projector_distortion
-        )
-        rough = Rig(camera, start.projector, start.projector_from_camera)
-        refined = refine(rough, poses, used, self.camera_distortion, self.projector_distortion)
-
-        boards = [v.board_xy[v.projected] for v in used]
-        alone = solve.calibrate_alone(boards, pixels, refined.rig.projector, self.projector_distortion)
-        camera_alone = [residuals_of(rough, p, v)[0] for p, v in zip(poses, used, strict=True)]
-        own = {v.name: pair for v, pair in zip(used, zip(camera_alone, alone, strict=True), strict=True)}
-        joint = {v.name: residuals_of(refined.rig, p, v) for p, v in zip(refined.poses, used, strict=True)}
-        return calibration("local-homography", refined.rig, views, own, joint, refined.parameters, refined.covariance)
+        camera, poses = solve.calibrate_camera(used, used[0].image_size, self.model.camera)
+        placed = {v.name: pose for v, pose in zip(used, poses, strict=True)}
+        return estimate("local-homography", views, placed, camera, self.projector, self.model)
 
     def _observe(self, capture: Capture, size: tuple[int, int]) -> BoardView:
         if capture.lit is None or capture.correspondences is None:

@@ -9,13 +9,15 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from slkit.calibration.detect import sub_pixel
-from slkit.targets import CornerMarks
+from slkit.calibration._fit import Drawing, fit_drawing
+from slkit.targets import BorderMarks, CornerMarks
 
 Points = npt.NDArray[np.float64]
 
 _SCALES = (1.5, 3.0, 6.0)
 _CANDIDATES = 22
+_SPARE = 8
+"""Candidates beyond the marks themselves."""
 _WEAKEST = 0.3
 _DARK = 8.0
 """Grey level of the stretched picture below which darkness is not told apart."""
@@ -24,37 +26,37 @@ _MIN_CONTRAST = 0.3
 # Places of a mark in cells. They reach near the outline, so that a mark stretched by a wrong homography fails.
 _BLACK = np.array([[s * x, s * y] for s in (-1, 1) for x, y in ((0.5, 0.5), (0.75, 0.75), (0.75, 0.25), (0.25, 0.75))])
 _WHITE = _BLACK * [1, -1]
+_DRAWING = Drawing(np.array([-1.0, 0.0, 1.0]), np.array([-1.0, 0.0, 1.0]), np.eye(2), reach=1.35)
+"""A mark in cells, and a rim of white."""
 _AROUND = np.array([[s * x, t * y] for s in (-1, 1) for t in (-1, 1) for x, y in ((1.4, 0.5), (0.5, 1.4))])
 
 
-def find_marks(image: npt.NDArray[np.uint8], target: CornerMarks) -> Points | None:
-    """Return the centres (n, 2) px of the marks in the order of `target.xy_mm`, or None where they are not all seen.
+def find_marks(image: npt.NDArray[np.uint8], target: CornerMarks | BorderMarks) -> Points | None:
+    """Return the centres (n, 2) px of the marks in the order of `target.points()`, or None where they are not all seen.
 
     image: 8-bit grey (h, w). Saddle points of the grey levels are candidates; every four of them propose a homography
-    of the board, and the one under which all marks have their black cells in place, white around them, is taken.
-    A board whose marks look alike when turned by 180 degrees is taken upright: its plane is the same.
+    of the board, and the one under which all marks have their black cells in place, white around them, is taken. Each
+    mark's drawing is then fitted to its picture. A board whose marks look alike when turned by 180 degrees is taken
+    upright: its plane is the same.
     """
     smooth = np.asarray(cv2.GaussianBlur(image.astype(np.float32), (0, 0), 1.0), dtype=np.float32)
-    candidates = _saddles(image)
-    if len(candidates) < 4:
+    points = target.points()
+    candidates = _saddles(image, max(_CANDIDATES, len(points) + _SPARE))
+    proposals = _homographies(_quads(candidates), points[:4])
+    score = _scores(smooth, proposals, points[:4], target.cell_mm)
+    proposals = proposals[score > _MIN_CONTRAST]
+    if not len(proposals):
         return None
-    best, best_score = None, 0.0
-    for four in combinations(range(len(candidates)), 4):
-        quad = _clockwise(candidates[list(four)])
-        if quad is None:
-            continue
-        for turn in range(4):
-            proposal = _homography(target, np.roll(quad, turn, axis=0))
-            score = _score(smooth, proposal, target)
-            # A small bonus for the upright order decides between two that fit equally well.
-            upright = 1 + 1e-3 * _uprightness(proposal, target)
-            if score > _MIN_CONTRAST and score * upright > best_score:
-                best, best_score = proposal, score * upright
-    return None if best is None else _refine(image, best, target)
+    score = _scores(smooth, proposals, points, target.cell_mm)
+    # A small bonus for the upright order decides between two that fit equally well.
+    best = int(np.argmax(score * (1 + 1e-3 * _uprightness(proposals, points[:4]))))
+    if score[best] <= _MIN_CONTRAST:
+        return None
+    return _refined(image, proposals[best], points, target.cell_mm)
 
 
-def _saddles(image: npt.NDArray[np.uint8]) -> Points:
-    """Return the strongest saddle points (k, 2) px over several scales, each once, strongest first."""
+def _saddles(image: npt.NDArray[np.uint8], most: int) -> Points:
+    """Return the `most` strongest saddle points (k, 2) px over several scales, each once, strongest first."""
     found: list[tuple[float, float, float]] = []
     grey = image.astype(np.float32)
     # Marks may lie beyond the projector's light, where only the room lights them: their ratio counts, not their range.
@@ -67,12 +69,12 @@ def _saddles(image: npt.NDArray[np.uint8]) -> Points:
         peaks = (saddle == cv2.dilate(saddle, np.ones((size, size), np.uint8))) & (saddle > 0)
         rows, cols = np.nonzero(peaks)
         strength = np.sqrt(saddle[rows, cols])
-        order = np.argsort(-strength)[: 4 * _CANDIDATES]
+        order = np.argsort(-strength)[: 4 * most]
         found += [(float(strength[i]), float(cols[i]), float(rows[i])) for i in order]
     kept: list[tuple[float, float, float]] = []
     for strength, x, y in sorted(found, reverse=True):
         # Four marks of one board look much alike: what is far weaker than the fourth strongest is noise.
-        if len(kept) == _CANDIDATES or (len(kept) >= 4 and strength < _WEAKEST * kept[3][0]):
+        if len(kept) == most or (len(kept) >= 4 and strength < _WEAKEST * kept[3][0]):
             break
         apart = all((x - a) ** 2 + (y - b) ** 2 > (2 * _SCALES[-1]) ** 2 for _, a, b in kept)
         if apart and _looks_like_saddle(grey, x, y):
@@ -94,32 +96,56 @@ def _looks_like_saddle(grey: npt.NDArray[np.float32], x: float, y: float) -> boo
     return False
 
 
-def _clockwise(four: Points) -> Points | None:
-    """Return four points in clockwise order as seen in the picture, or None where they are not convex."""
-    center = four.mean(axis=0)
-    quad = four[np.argsort(np.arctan2(four[:, 1] - center[1], four[:, 0] - center[0]))]
-    sides = np.roll(quad, -1, axis=0) - quad
-    turns = sides[:, 0] * np.roll(sides, -1, axis=0)[:, 1] - sides[:, 1] * np.roll(sides, -1, axis=0)[:, 0]
-    lengths = np.linalg.norm(sides, axis=1)
-    convex = (turns > 0.05 * lengths * np.roll(lengths, -1)).all()
-    return quad if convex else None
+def _quads(candidates: Points) -> Points:
+    """Return every four points (m, 4, 2) px that are convex, clockwise as seen in the picture, from each start."""
+    count = len(candidates)
+    fours = np.array(list(combinations(range(count), 4)), dtype=np.intp).reshape(-1, 4)
+    quads = candidates[fours]
+    away = quads - quads.mean(axis=1, keepdims=True)
+    around = np.argsort(np.arctan2(away[..., 1], away[..., 0]), axis=1)
+    quads = np.take_along_axis(quads, around[..., None], axis=1)
+    sides = np.roll(quads, -1, axis=1) - quads
+    after = np.roll(sides, -1, axis=1)
+    turns = sides[..., 0] * after[..., 1] - sides[..., 1] * after[..., 0]
+    lengths = np.linalg.norm(sides, axis=2)
+    convex = (turns > 0.05 * lengths * np.roll(lengths, -1, axis=1)).all(axis=1)
+    return np.concatenate([np.roll(quads[convex], turn, axis=1) for turn in range(4)])
 
 
-def _homography(target: CornerMarks, quad: Points) -> npt.NDArray[np.float64]:
-    matrix = cv2.getPerspectiveTransform(target.points()[:4].astype(np.float32), quad.astype(np.float32))
-    return np.asarray(matrix, dtype=np.float64)
+def _homographies(quads: Points, corners: Points) -> Points:
+    """Return the homographies (m, 3, 3) that take board points (4, 2) mm to quads (m, 4, 2) px."""
+    # Lengths of the order of 1 keep the equations well conditioned.
+    scale = np.abs(corners).max()
+    x, y = corners.T / scale
+    zero, one = np.zeros(4), np.ones(4)
+    u, v = quads[..., 0], quads[..., 1]
+    rows = np.zeros((len(quads), 8, 8))
+    rows[:, :4, :6] = np.stack([x, y, one, zero, zero, zero], axis=1)
+    rows[:, 4:, :6] = np.stack([zero, zero, zero, x, y, one], axis=1)
+    rows[:, :4, 6], rows[:, :4, 7] = -u * x, -u * y
+    rows[:, 4:, 6], rows[:, 4:, 7] = -v * x, -v * y
+    found = np.linalg.solve(rows, np.concatenate([u, v], axis=1)[..., None])[..., 0]
+    matrix = np.concatenate([found, np.ones((len(quads), 1))], axis=1).reshape(-1, 3, 3)
+    return matrix @ np.diag([1 / scale, 1 / scale, 1.0])
 
 
-def _score(smooth: npt.NDArray[np.float32], homography: npt.NDArray[np.float64], target: CornerMarks) -> float:
-    """Return the smallest contrast of a mark under a proposed homography; 0 where a mark is not as drawn."""
-    places = target.points()[:, None] + np.concatenate([_BLACK, _WHITE, _AROUND])[None] * target.cell_mm
-    values = _sample(smooth, np.asarray(cv2.perspectiveTransform(places, homography)))
-    dark, bright, around = np.split(values, [len(_BLACK), len(_BLACK) + len(_WHITE)], axis=1)
-    if np.isnan(dark).any() or np.isnan(bright).any():
-        return 0.0
+def _scores(smooth: npt.NDArray[np.float32], homographies: Points, centers: Points, cell_mm: float) -> Points:
+    """Return for each proposed homography (m,) the smallest contrast of a mark; 0 where one is not as drawn."""
+    places = centers[:, None] + np.concatenate([_BLACK, _WHITE, _AROUND])[None] * cell_mm
+    values = _sample(smooth, _mapped(homographies, places.reshape(-1, 2)))
+    values = values.reshape(len(homographies), len(centers), -1)
+    dark, bright, around = np.split(values, [len(_BLACK), len(_BLACK) + len(_WHITE)], axis=2)
     # White paper must surround a mark; where the picture ends there it cannot be asked for.
-    paper = np.minimum(bright.min(axis=1), np.where(np.isnan(around), np.inf, around).min(axis=1))
-    return float(((paper - dark.max(axis=1)) / np.maximum(bright.max(axis=1), 1)).min())
+    paper = np.minimum(bright.min(axis=2), np.where(np.isnan(around), np.inf, around).min(axis=2))
+    score = ((paper - dark.max(axis=2)) / np.maximum(bright.max(axis=2), 1)).min(axis=1)
+    return np.nan_to_num(score.astype(np.float64), nan=0.0)
+
+
+def _mapped(homographies: Points, points: Points) -> Points:
+    """Return points (k, 2) mm under homographies (m, 3, 3), as (m, k, 2) px."""
+    places = np.concatenate([points, np.ones((len(points), 1))], axis=1) @ homographies.transpose(0, 2, 1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return places[..., :2] / places[..., 2:]
 
 
 def _sample(smooth: npt.NDArray[np.float32], points: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
@@ -127,33 +153,23 @@ def _sample(smooth: npt.NDArray[np.float32], points: npt.NDArray[Any]) -> npt.ND
     height, width = smooth.shape
     x, y = points[..., 0], points[..., 1]
     inside = (x >= 0) & (x <= width - 1) & (y >= 0) & (y <= height - 1)
-    cols = np.clip(np.rint(np.where(inside, x, 0)), 0, width - 1).astype(np.intp)
-    rows = np.clip(np.rint(np.where(inside, y, 0)), 0, height - 1).astype(np.intp)
+    cols = np.rint(np.where(inside, x, 0)).astype(np.intp)
+    rows = np.rint(np.where(inside, y, 0)).astype(np.intp)
     return np.where(inside, smooth[rows, cols], np.float32(np.nan)).astype(np.float32)
 
 
-def _uprightness(homography: npt.NDArray[np.float64], target: CornerMarks) -> float:
-    points = cv2.perspectiveTransform(target.points()[None, :4], homography)[0]
-    right, down = points[1] - points[0], points[3] - points[0]
-    return float(right[0] / np.linalg.norm(right) + down[1] / np.linalg.norm(down))
+def _uprightness(homographies: Points, corners: Points) -> Points:
+    points = _mapped(homographies, corners)
+    right, down = points[:, 1] - points[:, 0], points[:, 3] - points[:, 0]
+    return right[:, 0] / np.linalg.norm(right, axis=1) + down[:, 1] / np.linalg.norm(down, axis=1)
 
 
-def _refine(image: npt.NDArray[np.uint8], homography: npt.NDArray[np.float64], target: CornerMarks) -> Points:
-    """Return the centres of all marks (n, 2) px where the gradients within each mark are orthogonal to the centre."""
-    centers = target.points()
-    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * target.cell_mm
-    points = np.empty_like(centers)
-    for i, center in enumerate(centers):
-        at = cv2.perspectiveTransform(center.reshape(1, 1, 2), homography)[0, 0]
-        rim = cv2.perspectiveTransform((center + corners)[None], homography)[0]
-        # The window stays inside the mark's own outline, whose edges would pull the result.
-        reach = _distance_to_outline(at, rim)
-        half = int(np.clip(0.6 * reach, 2, 25))
-        points[i] = sub_pixel(image, at[None], half)[0]
-    return points
-
-
-def _distance_to_outline(point: Points, outline: Points) -> float:
-    sides = np.roll(outline, -1, axis=0) - outline
-    normals = np.stack([-sides[:, 1], sides[:, 0]], axis=1) / np.linalg.norm(sides, axis=1, keepdims=True)
-    return float(np.abs(((point - outline) * normals).sum(axis=1)).min())
+def _refined(image: npt.NDArray[np.uint8], homography: Points, centers: Points, cell_mm: float) -> Points | None:
+    """Return the marks (n, 2) px where their drawing fits their picture best, or None where one does not fit."""
+    places: list[Points] = []
+    for x, y in centers:
+        found = fit_drawing(image, _DRAWING, homography @ np.array([[cell_mm, 0, x], [0, cell_mm, y], [0, 0, 1]]))
+        if found is None:
+            return None
+        places.append(found[:2, 2] / found[2, 2])
+    return np.array(places)

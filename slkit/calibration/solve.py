@@ -9,11 +9,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from slkit.calibration._normal import lens_columns
 from slkit.calibration._parameters import (
-    DEFAULT_DISTORTION,
     Array,
-    Device,
-    check_distortion,
     covariance_of,
     homogeneous_zero,
     moved_pose,
@@ -21,9 +19,11 @@ from slkit.calibration._parameters import (
     pose_scale,
     rms,
 )
+from slkit.calibration._state import moved_lens
+from slkit.calibration.model import Lens
 from slkit.data import BoardView
 from slkit.errors import CalibrationError, InputError
-from slkit.geometry import Pinhole, Pose, as_size, homogeneous
+from slkit.geometry import LENS_NAMES, Pinhole, Pose, as_size, homogeneous
 
 _SAME_DEG = 1.0
 """Refinement often takes both planar solutions to one pose; closer than this they are one."""
@@ -51,13 +51,14 @@ class ProjectorFit:
 
 
 def calibrate_camera(
-    views: Sequence[BoardView], size: tuple[int, int], free: Sequence[str] = DEFAULT_DISTORTION
+    views: Sequence[BoardView], size: tuple[int, int], lens: Lens | None = None
 ) -> tuple[Pinhole, list[Pose]]:
     """Return the camera, and one pose camera_from_board a view, from the printed points of the views.
 
-    size (w, h) px; free: the distortion coefficients that are estimated, the others stay 0.
+    size (w, h) px; lens: what is estimated. OpenCV knows no skew, and no p1 without p2: these are left to refinement.
     Errors: CalibrationError where OpenCV finds no camera. Source: Zhang (2000), as in cv2.calibrateCamera.
     """
+    lens = lens or Lens()
     objects = [homogeneous_zero(v.board_xy[v.printed]) for v in views]
     images = [v.camera_xy[v.printed] for v in views]
     try:
@@ -67,40 +68,15 @@ def calibrate_camera(
             size,
             np.eye(3),
             np.zeros(5),
-            flags=_fixed_flags(free),
+            flags=_fixed_flags(lens.distortion),
             criteria=_CRITERIA,
         )
     except cv2.error as error:
         raise CalibrationError(f"the camera cannot be calibrated from these {len(views)} views: {error.err}") from error
     camera = Pinhole(size, np.asarray(matrix, dtype=np.float64), np.ravel(np.asarray(distortion, dtype=np.float64))[:5])
-    return camera, [Pose.from_rotation_vector(np.ravel(r), np.ravel(t)) for r, t in zip(turns, shifts, strict=True)]
-
-
-def calibrate_alone(
-    boards: Sequence[Array], pixels: Sequence[Array], start: Pinhole, free: Sequence[str]
-) -> list[Array]:
-    """Return the residuals (n, 2) px a view of a device calibrated by itself, each view with its own pose.
-
-    boards: (n, 2) mm in the board's plane; pixels: (n, 2) px; start: a first guess, whose principal point may lie
-    outside the image. Errors: CalibrationError where OpenCV finds no solution.
-    """
-    # OpenCV refuses a principal point outside the image; shifting all pixels alike changes nothing but that test.
-    margin = 4 * max(start.size) + int(np.abs(start.K[:2, 2]).max())
-    matrix = np.array(start.K)
-    matrix[0, 1] = 0
-    matrix[:2, 2] += margin
-    size = (start.size[0] + 2 * margin, start.size[1] + 2 * margin)
-    objects = [homogeneous_zero(b) for b in boards]
-    images = [(p + margin).astype(np.float32) for p in pixels]
-    flags = _fixed_flags(free) | cv2.CALIB_USE_INTRINSIC_GUESS
-    try:
-        _, matrix, distortion, turns, shifts = cv2.calibrateCamera(
-            objects, images, size, matrix, np.array(start.distortion), flags=flags, criteria=_CRITERIA
-        )
-    except cv2.error as error:
-        raise CalibrationError(f"a device cannot be calibrated from these {len(boards)} views: {error.err}") from error
-    found = [cv2.projectPoints(o, r, t, matrix, distortion)[0] for o, r, t in zip(objects, turns, shifts, strict=True)]
-    return [f.reshape(-1, 2) - (p + margin) for f, p in zip(found, pixels, strict=True)]
+    return lens.held(camera), [
+        Pose.from_rotation_vector(np.ravel(r), np.ravel(t)) for r, t in zip(turns, shifts, strict=True)
+    ]
 
 
 def board_pose(camera: Pinhole, board_xy: Array, camera_xy: Array) -> tuple[Pose, float, float]:
@@ -142,42 +118,47 @@ def solve_projector(
     projector_xy: npt.ArrayLike,
     size: tuple[int, int],
     distortion: Sequence[str] = ("k1", "k2"),
+    lens: Lens | None = None,
 ) -> ProjectorFit:
     """Return the projector that lights points of the camera frame, with one shared rotation and translation.
 
     camera_xyz (m, 3) mm and projector_xy (m, 2) px, or both with leading axes such as (views, corners, .); rows with
-    NaN are left out. size (w, h) px. distortion: the coefficients that are estimated. The principal point is free and
-    may lie outside the image. Errors: InputError for wrong shapes; CalibrationError for fewer than eight points or
-    points in one plane. Source: Fernandez and Salvi (2011), section III-E; DLT and RQ, then Levenberg-Marquardt.
+    NaN are left out. size (w, h) px. distortion: the coefficients that are estimated; lens: instead of it, all that is
+    estimated. The principal point is free, unless the lens holds it, and may lie outside the image.
+    Errors: InputError for wrong shapes; CalibrationError for fewer than eight points or points in one plane.
+    Source: Fernandez and Salvi (2011), section III-E; DLT and RQ, then Levenberg-Marquardt.
     """
+    from scipy.linalg import block_diag
     from scipy.optimize import least_squares
 
-    check_distortion(distortion, "distortion")
+    lens = lens or Lens(tuple(distortion))
     size = as_size(size, "size")
     xyz = np.asarray(camera_xyz, dtype=np.float64).reshape(-1, 3)
     pixels = np.asarray(projector_xy, dtype=np.float64).reshape(-1, 2)
     if len(xyz) != len(pixels):
         raise InputError(f"camera_xyz has {len(xyz)} points, but projector_xy has {len(pixels)}")
     known = np.isfinite(xyz).all(axis=1) & np.isfinite(pixels).all(axis=1)
-    start = linear_projector(xyz[known], pixels[known], size)
-    device = Device("projector", start.projector, tuple(distortion))
-    pose = start.projector_from_camera
-    scale = np.concatenate([device.scale, pose_scale(pose)])
+    xyz, pixels = xyz[known], pixels[known]
+    start = linear_projector(xyz, pixels, size)
+    device, pose = lens.held(start.projector), start.projector_from_camera
+    spread = np.stack(lens_columns(np.eye(10), lens), axis=1)
+    scale = np.concatenate([spread.T @ np.repeat([device.K[0, 0], 1.0], 5), pose_scale(pose)])
 
-    def split(values: Array) -> tuple[Pinhole, Pose]:
-        return device.at(values[:-6]), moved_pose(pose, values[-6:])
+    def split(step: Array) -> tuple[Pinhole, Pose]:
+        return moved_lens(device, spread @ step[:-6]), moved_pose(pose, step[-6:])
 
-    def residuals(values: Array) -> Array:
-        lens, moved = split(values)
-        return np.nan_to_num(lens.project(moved.apply(xyz[known])) - pixels[known], nan=1e6).ravel()
+    def residuals(step: Array) -> Array:
+        found, moved = split(step)
+        return np.nan_to_num(found.project(moved.apply(xyz)) - pixels, nan=1e6).ravel()
 
-    x0 = np.concatenate([device.values, np.zeros(6)])
-    found = least_squares(residuals, x0, x_scale=scale, method="lm", xtol=1e-12, ftol=1e-12)
-    lens, moved = split(found.x)
-    residual = np.full(pixels.shape, np.nan)
-    residual[known] = found.fun.reshape(-1, 2)
-    covariance = covariance_of(found.jac, found.fun)
-    return ProjectorFit(lens, moved, residual[known], (*device.names, *pose_names("projector_from_camera")), covariance)
+    found = least_squares(residuals, 0 * scale, x_scale=scale, method="lm", xtol=1e-12, ftol=1e-12)
+    device, pose = split(found.x)
+    free = np.abs(spread).sum(axis=1) > 0
+    carry = np.asarray(block_diag(spread[free], np.eye(6)))
+    covariance = carry @ covariance_of(found.jac, found.fun) @ carry.T
+    names = [f"projector.{n}" for n, is_free in zip(LENS_NAMES, free, strict=True) if is_free]
+    parameters = (*names, *pose_names("projector_from_camera"))
+    return ProjectorFit(device, pose, found.fun.reshape(-1, 2), parameters, covariance)
 
 
 def linear_projector(xyz: Array, pixels: Array, size: tuple[int, int]) -> ProjectorFit:
@@ -220,7 +201,7 @@ def _fixed_flags(free: Sequence[str]) -> int:
     flags = 0
     for name, flag in (("k1", cv2.CALIB_FIX_K1), ("k2", cv2.CALIB_FIX_K2), ("k3", cv2.CALIB_FIX_K3)):
         flags |= 0 if name in free else flag
-    return flags | (0 if "p1" in free else cv2.CALIB_ZERO_TANGENT_DIST)
+    return flags | (0 if {"p1", "p2"} & set(free) else cv2.CALIB_ZERO_TANGENT_DIST)
 
 
 def _normalization(points: Array) -> Array:

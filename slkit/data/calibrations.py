@@ -12,7 +12,7 @@ import numpy.typing as npt
 from slkit.data.views import BoardView
 from slkit.geometry import Pose, Rig
 
-Doubles = npt.NDArray[np.float64]
+Doubles = npt.NDArray[np.floating[Any]]
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -41,10 +42,10 @@ class BoardView:
 
     name: str
     image_size: tuple[int, int]
-    board_xy: npt.NDArray[np.float64]
-    camera_xy: npt.NDArray[np.float64]
-    projector_xy: npt.NDArray[np.float64]
-    sigma: npt.NDArray[np.float64]
+    board_xy: npt.NDArray[np.floating[Any]]
+    camera_xy: npt.NDArray[np.floating[Any]]
+    projector_xy: npt.NDArray[np.floating[Any]]
+    sigma: npt.NDArray[np.floating[Any]]
     problem: str | None = None
     notes: tuple[str, ...] = ()
     face: npt.NDArray[np.intp] | None = None

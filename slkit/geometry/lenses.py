@@ -89,7 +89,7 @@ class Pinhole:
         return homogeneous(self.normalize(xy))
 
 
-def distort(xy: npt.NDArray[np.float64], distortion: Floats) -> npt.NDArray[np.float64]:
+def distort(xy: Floats, distortion: Floats) -> npt.NDArray[np.float64]:
     """Return normalised coordinates (..., 2) as the lens bends them; distortion k1 k2 p1 p2 k3. Source: Brown."""
     k1, k2, p1, p2, k3 = distortion
     x, y = xy[..., 0], xy[..., 1]
@@ -104,7 +104,7 @@ def distort(xy: npt.NDArray[np.float64], distortion: Floats) -> npt.NDArray[np.f
     )
 
 
-def distort_slopes(xy: npt.NDArray[np.float64], distortion: Floats) -> tuple[Any, Any, Any, Any]:
+def distort_slopes(xy: Floats, distortion: Floats) -> tuple[Any, Any, Any, Any]:
     """Return the derivatives of `distort`, each (...): of x over x, of x over y, of y over x, of y over y."""
     k1, k2, p1, p2, k3 = distortion
     x, y = xy[..., 0], xy[..., 1]

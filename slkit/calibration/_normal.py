@@ -1,0 +1,180 @@
+"""Weighted least squares over shared parameters and one motion a view: the normal equations, block by block."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from slkit.calibration._parameters import Array
+from slkit.calibration._residuals import Block, Part, block
+from slkit.calibration._state import State, shared_values
+from slkit.calibration.model import Lens, Model
+from slkit.calibration.surfaces import Sheet
+
+Ints = npt.NDArray[np.intp]
+_STEPS = 60
+_LARGEST_DAMPING = 1e12
+
+
+@dataclass(frozen=True, eq=False)
+class Free:
+    """Which shared parameters are estimated, and what is known of them beforehand.
+
+    spread (s, p): all shared parameters over the free ones. Priors: rows (k, s), whose product with the shared
+    parameters should be value (k,) within 1 sigma (k,).
+    """
+
+    spread: Array
+    rows: Array
+    value: Array
+    sigma: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """The parts whose residuals count, the board of each view, and the free parameters."""
+
+    parts: Sequence[Part]
+    board: Ints
+    free: Free
+
+    def blocks(self, state: State) -> dict[str, Block]:
+        """Return residuals and derivatives of every class."""
+        return {part.name: block(part, state, self.board) for part in self.parts}
+
+
+def free_parameters(model: Model, state: State, parts: Sequence[Part]) -> Free:
+    """Return the free parameters of a model, for the classes of residuals that there are."""
+    names = {part.name for part in parts}
+    values = shared_values(state)
+    columns: list[Array] = []
+    priors: list[tuple[Array, float, float]] = []
+    unit = np.eye(len(values))
+    devices = [(0, model.camera, state.rig.camera.size)]
+    if names & {"projected", "decoded"}:
+        devices.append((10, model.projector, state.rig.projector.size))
+        columns += list(unit[20:26])
+    for first, lens, size in devices:
+        columns += lens_columns(unit[first : first + 10], lens)
+        if lens.throw_ratio is not None:
+            ratio, sigma = lens.throw_ratio
+            priors.append((unit[first], ratio * size[0], sigma * size[0]))
+        if lens.offset is not None:
+            offset, sigma = lens.offset
+            half = size[1] / 2
+            priors.append((unit[first + 3], half - 0.5 + offset * half, sigma * half))
+    first = 26
+    for surface in state.surfaces:
+        if model.warp and isinstance(surface, Sheet):
+            columns += [unit[first], unit[first + 1]]
+        first += 2
+    if model.release_mm is not None:
+        columns += list(unit[first:])
+        priors += [(row, 0.0, model.release_mm) for row in unit[first:]]
+    rows, value, sigma = (np.array([p[i] for p in priors]) for i in range(3))
+    return Free(np.stack(columns, axis=1), rows.reshape(-1, len(values)), value, sigma)
+
+
+def lens_columns(unit: Array, lens: Lens) -> list[Array]:
+    """Return the free parameters of a lens as combinations of the unit rows (10, s) of all its parameters."""
+    fx, fy, cx, cy, skew, *distortion = unit
+    columns = [fx, fy] if lens.aspect is None else [fx + lens.aspect * fy]
+    columns += [cx, cy] if lens.principal_point is None else []
+    columns += [skew] if lens.skew else []
+    return columns + [
+        c for c, n in zip(distortion, ("k1", "k2", "p1", "p2", "k3"), strict=True) if n in lens.distortion
+    ]
+
+
+def normal_equations(
+    problem: Problem, blocks: Mapping[str, Block], weights: Mapping[str, Array], state: State
+) -> tuple[dict[str, Array], Array]:
+    """Return J^T W J of each class, and of the priors as `prior`, (q, q) each, and J^T W r (q,).
+
+    weights: per class (n, 2), 1 / sigma^2 of each residual. The q parameters are the free shared ones, then six a view.
+    """
+    free, views = problem.free, len(problem.board)
+    shared = free.spread.shape[1]
+    gradient = np.zeros(shared + 6 * views)
+    matrices: dict[str, Array] = {}
+    for part in problem.parts:
+        found, weight = blocks[part.name], weights[part.name]
+        matrix = np.zeros((len(gradient), len(gradient)))
+        jacobian = np.concatenate([found.shared @ free.spread, found.pose], axis=2).reshape(-1, shared + 6)
+        weighted = jacobian * weight.reshape(-1, 1)
+        pull = weighted * found.error.reshape(-1, 1)
+        matrix[:shared, :shared] = weighted[:, :shared].T @ jacobian[:, :shared]
+        ends = 2 * np.cumsum([len(r) for r in part.rows])
+        for view, (first, last) in enumerate(zip([0, *ends[:-1]], ends, strict=True)):
+            if first == last:
+                continue
+            own = slice(shared + 6 * view, shared + 6 * view + 6)
+            crossed = weighted[first:last, shared:].T @ jacobian[first:last]
+            matrix[own, :shared], matrix[own, own] = crossed[:, :shared], crossed[:, shared:]
+            gradient[own] += pull[first:last, shared:].sum(axis=0)
+        matrix[:shared, shared:] = matrix[shared:, :shared].T
+        gradient[:shared] += pull[:, :shared].sum(axis=0)
+        matrices[part.name] = matrix
+    if len(free.rows):
+        rows = np.pad((free.rows @ free.spread) / free.sigma[:, None], ((0, 0), (0, 6 * views)))
+        matrices["prior"] = rows.T @ rows
+        gradient += rows.T @ ((free.rows @ shared_values(state) - free.value) / free.sigma)
+    return matrices, gradient
+
+
+def cost(problem: Problem, blocks: Mapping[str, Block], weights: Mapping[str, Array], state: State) -> float:
+    """Return half the weighted sum of squares; infinite where a point left the view of a lens."""
+    total = sum(float((weights[n] * b.error**2).sum()) for n, b in blocks.items())
+    free = problem.free
+    total += float((((free.rows @ shared_values(state) - free.value) / free.sigma) ** 2).sum())
+    return total / 2 if np.isfinite(total) else np.inf
+
+
+def minimize(
+    problem: Problem, state: State, weigh: Callable[[Mapping[str, Block]], Mapping[str, Array]]
+) -> tuple[State, dict[str, Block], dict[str, Array]]:
+    """Return the state of least weighted squares, its residuals, and J^T W J of each class there.
+
+    weigh: from the residuals of the start to the weights, which then stay. Source: Levenberg and Marquardt, with the
+    damping of each parameter in proportion to its curvature.
+    """
+    blocks = problem.blocks(state)
+    weights = weigh(blocks)
+    here, damping = cost(problem, blocks, weights, state), 1e-6
+    for _ in range(_STEPS):
+        matrices, gradient = normal_equations(problem, blocks, weights, state)
+        matrix = np.sum(list(matrices.values()), axis=0)
+        scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+        scaled = matrix / np.outer(scale, scale)
+        better = False
+        while damping < _LARGEST_DAMPING:
+            step = _solve(scaled + damping * np.eye(len(scaled)), -gradient / scale) / scale
+            if -float(gradient @ step) < 1e-9 * here + 1e-18:
+                return state, blocks, matrices
+            moved = _step(problem, state, step)
+            with np.errstate(all="ignore"):
+                tried = problem.blocks(moved)
+            there = cost(problem, tried, weights, moved)
+            if there < here:
+                better = True
+                break
+            damping *= 10
+        if not better:
+            return state, blocks, matrices
+        state, blocks, here, damping = moved, tried, there, max(damping / 10, 1e-9)  # pyright: ignore[reportPossiblyUnboundVariable]
+    return state, blocks, normal_equations(problem, blocks, weights, state)[0]
+
+
+def _step(problem: Problem, state: State, step: Array) -> State:
+    shared = problem.free.spread.shape[1]
+    return state.moved(problem.free.spread @ step[:shared], step[shared:].reshape(-1, 6))
+
+
+def _solve(matrix: Array, right: Array) -> Array:
+    try:
+        return np.linalg.solve(matrix, right)
+    except np.linalg.LinAlgError:
+        return np.linalg.lstsq(matrix, right, rcond=None)[0]

@@ -1,0 +1,89 @@
+"""The paper's sequence: camera, then board poses, then the projector; and how its errors add up."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from slkit.calibration._normal import Problem, free_parameters
+from slkit.calibration._parameters import Array, covariance_of
+from slkit.calibration._residuals import Part, split
+from slkit.calibration._state import State
+from slkit.calibration.bundle import Adjusted, parameter_names, start_of
+from slkit.calibration.model import Model
+from slkit.calibration.surfaces import Surface
+from slkit.data import BoardView, ResidualClass
+from slkit.geometry import Pose, Rig
+
+
+def in_sequence(
+    rig: Rig,
+    poses: Sequence[Pose],
+    views: Sequence[BoardView],
+    model: Model,
+    boards: Sequence[int],
+    surfaces: Sequence[Surface | None] | None = None,
+) -> Adjusted:
+    """Return a rig as the sequence left it, with its covariance; arguments as for `bundle.adjust`.
+
+    The camera and the board poses scatter as their own residuals tell; the projector scatters with its residuals and,
+    through the points that it is fitted to, with camera and poses.
+    """
+    parts, points = split(views, boards)
+    lenses = Model(model.camera, model.projector)
+    state = start_of(rig, poses, points, lenses, surfaces)
+    problem = Problem(parts, np.array(boards, dtype=np.intp), free_parameters(lenses, state, parts))
+    jacobian, residuals, of_camera = _stacked(problem, state)
+    spread = problem.free.spread
+    shared = spread.shape[1]
+    is_late = np.zeros(jacobian.shape[1], dtype=bool)
+    is_late[:shared] = np.abs(spread[10:26]).sum(axis=0) > 0
+    late, early = np.flatnonzero(is_late), np.flatnonzero(~is_late)
+    before = covariance_of(jacobian[np.ix_(of_camera, early)], residuals[of_camera])
+    after = jacobian[np.ix_(~of_camera, late)]
+    carry = -np.linalg.lstsq(after, jacobian[np.ix_(~of_camera, early)], rcond=None)[0]
+    whole = np.zeros((jacobian.shape[1],) * 2)
+    whole[np.ix_(early, early)] = before
+    whole[np.ix_(late, late)] = covariance_of(after, residuals[~of_camera]) + carry @ before @ carry.T
+    whole[np.ix_(late, early)] = carry @ before
+    whole[np.ix_(early, late)] = whole[np.ix_(late, early)].T
+    free = np.flatnonzero(np.abs(spread).sum(axis=1))
+    covariance = (spread @ whole[:shared, :shared] @ spread.T)[np.ix_(free, free)]
+    kept = {p.name: np.ones(len(p.view), dtype=bool) for p in parts}
+    names = tuple(np.array(parameter_names(state))[free])
+    blocks = problem.blocks(state)
+    classes = {p.name: _scatter(p, blocks[p.name].error) for p in parts}
+    return Adjusted(problem, state, names, covariance, classes, {}, kept, {})
+
+
+def _stacked(problem: Problem, state: State) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
+    """Return the Jacobian over all free parameters, the residuals, and the mask of those that lie in the camera.
+
+    The sequence fits projected corners in the projector's image: their camera residuals are carried over there.
+    """
+    blocks, views = problem.blocks(state), len(problem.board)
+    spread = problem.free.spread
+    shared = spread.shape[1]
+    rows: list[Array] = []
+    errors: list[Array] = []
+    for part in problem.parts:
+        found = blocks[part.name]
+        jacobian = np.zeros((len(part.view), 2, shared + 6 * views))
+        jacobian[:, :, :shared] = found.shared @ spread
+        for axis in range(6):
+            jacobian[np.arange(len(part.view)), :, shared + 6 * part.view + axis] = found.pose[:, :, axis]
+        error = found.error
+        if part.name == "projected":
+            # A pixel shifts with its projector's principal point: that derivative is minus the local slope.
+            across = np.linalg.inv(found.shared[:, :, 12:14])
+            jacobian, error = across @ jacobian, (across @ error[:, :, None])[:, :, 0]
+        rows.append(jacobian.reshape(-1, jacobian.shape[2]))
+        errors.append(error.ravel())
+    of_camera = [np.full(2 * len(p.view), p.name in ("printed", "marks")) for p in problem.parts]
+    return np.concatenate(rows), np.concatenate(errors), np.concatenate(of_camera)
+
+
+def _scatter(part: Part, error: Array) -> ResidualClass:
+    return ResidualClass(len(part.view), 0, 2.0 * len(part.view), float(np.sqrt(np.mean(error**2))))
