@@ -10,6 +10,8 @@ SlkitError                 a person's mistake: one sentence that says what is wr
 The command line prints the sentence and exits with 2. Anything else that escapes is a fault of slkit.
 """
 
+from typing import Any
+
 
 class SlkitError(Exception):
     """A mistake that a person can mend, told in one sentence."""
@@ -32,4 +34,11 @@ class DecodeError(SlkitError):
 
 
 class CalibrationError(SlkitError):
-    """There is too little evidence, or contradictory evidence, to calibrate from."""
+    """There is too little evidence, or contradictory evidence, to calibrate from.
+
+    findings: the mistakes (`slkit.data.Finding`) that the pictures show, empty where they show none.
+    """
+
+    def __init__(self, message: str, findings: tuple[Any, ...] = ()) -> None:
+        super().__init__(message)
+        self.findings = findings

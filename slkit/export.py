@@ -15,9 +15,10 @@ _GREY = 0.7
 
 
 def ply(cloud: PointCloud) -> bytes:
-    """Return a binary little-endian PLY: float x y z in mm, uchar red green blue, float sigma_mm residual_px.
+    """Return a binary little-endian PLY: x y z in mm, colours, both sigmas and the residual.
 
-    A cloud with normals adds float nx ny nz. Points that are NaN are left out; a sigma or residual may be NaN.
+    float x y z, uchar red green blue, float sigma_mm sigma_cal_mm residual_px. A cloud with normals adds float
+    nx ny nz. Points that are NaN are left out; a sigma or residual may be NaN.
     """
     from plyfile import PlyData, PlyElement
 
@@ -26,7 +27,7 @@ def ply(cloud: PointCloud) -> bytes:
     if cloud.normals is not None:
         columns |= dict(zip(("nx", "ny", "nz"), cloud.normals.T, strict=True))
     columns |= dict(zip(("red", "green", "blue"), _bytes(cloud.color).T, strict=True))
-    columns |= {"sigma_mm": cloud.sigma_mm, "residual_px": cloud.residual_px}
+    columns |= {n: getattr(cloud, n) for n in ("sigma_mm", "sigma_cal_mm", "residual_px")}
     rows = np.empty(len(cloud), dtype=[(name, values.dtype) for name, values in columns.items()])
     for name, values in columns.items():
         rows[name] = values
@@ -47,8 +48,8 @@ def xyz(cloud: PointCloud) -> bytes:
 def read_ply(data: bytes) -> PointCloud:
     """Return the cloud of a PLY file, one of slkit's or a stranger's, text or binary.
 
-    It needs x y z; where there is no red green blue the points are grey, where there is no sigma_mm or residual_px
-    they are NaN, as camera_xy always is. Points that are not finite are left out.
+    It needs x y z; where there is no red green blue the points are grey, where there is no sigma_mm, sigma_cal_mm
+    or residual_px they are NaN, as camera_xy always is. Points that are not finite are left out.
     Errors: FileError where the bytes are no PLY, are damaged, or hold no points with x y z.
     """
     vertices = _vertices(data)
@@ -68,6 +69,7 @@ def read_ply(data: bytes) -> PointCloud:
         columns.get("residual_px", nothing),
         np.full((count, 2), np.nan, dtype=np.float32),
         _together(columns, ("nx", "ny", "nz")) if {"nx", "ny", "nz"} <= columns.keys() else None,
+        columns.get("sigma_cal_mm", nothing),
     )
     return cloud.select(cloud.finite)
 

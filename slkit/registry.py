@@ -107,14 +107,30 @@ def _convert_union(value: Any, arguments: tuple[Any, ...], where: str) -> Any:
     if value is None and type(None) in arguments:
         return None
     errors: list[InputError] = []
-    for argument in arguments:
-        if argument is type(None):
-            continue
+    for argument in _of_kind(value, [a for a in arguments if a is not type(None)], where):
         try:
             return _convert(value, argument, where)
         except InputError as error:
             errors.append(error)
     raise errors[-1]
+
+
+def _of_kind(value: Any, arguments: list[Any], where: str) -> list[Any]:
+    """Return the members of a union that a table may mean: its `kind` chooses, and without it those that have none.
+
+    Errors: InputError that lists the kinds.
+    """
+    kinds = {a: typing.get_type_hints(a).get("kind") for a in arguments if dataclasses.is_dataclass(a)}
+    if not isinstance(value, Mapping) or not any(kinds.values()):
+        return arguments
+    kind = typing.cast("Mapping[str, Any]", value).get("kind")
+    chosen = [a for a, hint in kinds.items() if kind in (typing.get_args(hint) or (None,))]
+    if chosen:
+        return chosen
+    known = ", ".join(repr(name) for hint in kinds.values() for name in typing.get_args(hint))
+    plain = " or ".join(getattr(a, "__name__", "table") for a, hint in kinds.items() if hint is None)
+    without = f", or be left away for a {plain}" if plain else ""
+    raise InputError(f"{where}: kind must be one of {known}{without}, not {kind!r}")
 
 
 def _convert_tuple(value: Any, arguments: tuple[Any, ...], where: str) -> tuple[Any, ...]:

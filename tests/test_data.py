@@ -77,13 +77,26 @@ def test_shapes_that_disagree_are_refused():
 
 def test_a_cloud_keeps_its_evidence_in_open3d():
     rng = np.random.default_rng(0)
-    cloud = PointCloud(rng.random((5, 3)), rng.random((5, 3)), rng.random(5), rng.random(5), rng.random((5, 2)))
+    evidence = rng.random(5), rng.random(5), rng.random((5, 2))
+    cloud = PointCloud(rng.random((5, 3)), rng.random((5, 3)), *evidence, sigma_cal_mm=rng.random(5))
     assert cloud.xyz.dtype == np.float32
     held = cloud.to_open3d()
     np.testing.assert_array_equal(held.point["positions"].numpy(), cloud.xyz)
-    np.testing.assert_array_equal(held.point["sigma_mm"].numpy()[:, 0], cloud.sigma_mm)
-    np.testing.assert_array_equal(held.point["residual_px"].numpy()[:, 0], cloud.residual_px)
+    for name in ("sigma_mm", "sigma_cal_mm", "residual_px"):
+        np.testing.assert_array_equal(held.point[name].numpy()[:, 0], getattr(cloud, name))
     assert "normals" not in held.point
+
+
+def test_sigma_of_a_point_comes_apart_into_decoding_and_calibration():
+    rows = np.zeros((4, 3)), np.zeros((4, 3)), np.float32([5, 5, np.nan, 3]), np.zeros(4), np.zeros((4, 2))
+    cloud = PointCloud(*rows, sigma_cal_mm=np.float32([3, np.nan, 3, 3]))
+    np.testing.assert_allclose(cloud.sigma_decoding_mm, [4, 5, np.nan, 0], rtol=1e-6)
+    assert cloud.select(np.array([0, 3])).sigma_decoding_mm.tolist() == [4, 0]
+    unknown = PointCloud(*rows)
+    assert unknown.sigma_cal_mm.shape == (4,) and np.isnan(unknown.sigma_cal_mm).all()
+    np.testing.assert_array_equal(unknown.sigma_decoding_mm, cloud.sigma_mm)
+    with pytest.raises(InputError, match="sigma_cal_mm must have the shape"):
+        PointCloud(*rows, sigma_cal_mm=np.zeros(3))
 
 
 def test_a_view_knows_which_rows_are_printed_and_which_projected():

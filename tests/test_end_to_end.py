@@ -72,7 +72,7 @@ def test_simulate_calibrate_scan_view(home: Path):
     assert len(cloud) > 0.9 * scan["points"]
     # Four poses place the rig's frame only so well; the shape they must get right, down to the scan's own noise.
     aligned = rigid_alignment(cloud, expected).apply(cloud)
-    assert np.median(np.linalg.norm(aligned - expected, axis=1)) < 2 * scan["sigma_mm"]["median"]
+    assert np.median(np.linalg.norm(aligned - expected, axis=1)) < 2 * scan["sigma_decoding_mm"]["median"]
     assert np.median(np.linalg.norm(cloud - expected, axis=1)) < 5
 
 

@@ -29,6 +29,7 @@ def some_cloud(rows: int = 50, normals: bool = False) -> PointCloud:
         residual,
         rng.uniform(0, 1000, (rows, 2)),
         rng.normal(size=(rows, 3)) if normals else None,
+        rng.uniform(0, 0.01, rows),
     )
 
 
@@ -37,7 +38,7 @@ def some_cloud(rows: int = 50, normals: bool = False) -> PointCloud:
 def test_ply_round_trip(rows, normals):
     cloud = some_cloud(rows, normals)
     back = read_ply(ply(cloud))
-    for name in ("xyz", "color", "sigma_mm", "residual_px"):
+    for name in ("xyz", "color", "sigma_mm", "sigma_cal_mm", "residual_px"):
         np.testing.assert_array_equal(getattr(back, name), getattr(cloud, name))
     assert np.isnan(back.camera_xy).all()
     assert (back.normals is None) == (not normals)
@@ -49,7 +50,7 @@ def test_the_header_is_what_formats_promises():
     header = ply(some_cloud(normals=True)).split(b"end_header\n")[0].decode().splitlines()
     assert header[:2] == ["ply", "format binary_little_endian 1.0"]
     properties = [line.split()[1:] for line in header if line.startswith("property")]
-    names = ["x", "y", "z", "nx", "ny", "nz", "red", "green", "blue", "sigma_mm", "residual_px"]
+    names = ["x", "y", "z", "nx", "ny", "nz", "red", "green", "blue", "sigma_mm", "sigma_cal_mm", "residual_px"]
     assert properties == [["uchar" if n in ("red", "green", "blue") else "float", n] for n in names]
 
 
@@ -96,8 +97,8 @@ def test_a_strangers_ply():
     cloud = read_ply(ascii_ply("double x, double y, double z, int label", "1 2 3 7\n4 5 6 7\nnan 1 1 7\n", 3))
     np.testing.assert_array_equal(cloud.xyz, [[1, 2, 3], [4, 5, 6]])
     assert (cloud.color == cloud.color[0, 0]).all()
-    assert np.isnan(cloud.sigma_mm).all()
-    assert np.isnan(cloud.residual_px).all()
+    for unknown in (cloud.sigma_mm, cloud.sigma_cal_mm, cloud.residual_px):
+        assert np.isnan(unknown).all()
     assert cloud.normals is None
 
 

@@ -5,7 +5,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from slkit.errors import InputError
-from slkit.geometry import Pinhole, Pose, Rig, as_size, homogeneous, intersect_plane, intersect_rays
+from slkit.geometry import (
+    Pinhole,
+    Pose,
+    Rig,
+    as_size,
+    homogeneous,
+    intersect_plane,
+    intersect_rays,
+    pixel_grid,
+    steeper_axis,
+    working_volume,
+)
 
 angles = st.floats(-3.0, 3.0)
 lengths = st.floats(-2000, 2000)
@@ -128,3 +139,39 @@ def test_what_cannot_be_is_refused(make, words):
 
 def test_homogeneous_appends_one():
     assert homogeneous(np.zeros((4, 2))).tolist() == [[0, 0, 1]] * 4
+
+
+def test_a_grid_of_pixels_covers_the_image_evenly():
+    np.testing.assert_array_equal(pixel_grid((4, 2), 1.0), np.stack(np.meshgrid(range(4), range(2)), axis=-1))
+    for size in ((640, 480), (481, 640), (192, 144)):
+        grid = pixel_grid(size)
+        assert max(grid.shape) == 24
+        border = 0.5 * max(size) / 24
+        for axis, length in enumerate(size):
+            assert grid[..., axis].min() == pytest.approx(border - 0.5)
+            assert length - 0.5 - 2 * border <= grid[..., axis].max() <= length - 0.5
+
+
+def test_the_working_volume_is_what_both_devices_reach():
+    rig = Rig(lens(), lens((-0.2, 0.05, 1e-3, 0, 0)), Pose.from_rotation_vector([0, 0.1, 0], [-300, 20, 5]))
+    grid = pixel_grid(rig.camera.size)
+    xyz, projector_xy = working_volume(rig, grid, [800, 1200])
+    assert xyz.shape == (2, *grid.shape[:2], 3)
+    there = np.isfinite(xyz).all(axis=-1)
+    assert 0.1 < there.mean() < 0.9
+    np.testing.assert_array_equal(np.isfinite(projector_xy).all(axis=-1), there)
+    np.testing.assert_allclose(
+        rig.camera.project(xyz[there]), np.broadcast_to(grid, (2, *grid.shape))[there], atol=1e-6
+    )
+    np.testing.assert_array_equal(np.unique(xyz[0][there[0]][:, 2]), 800)
+    seen = rig.to_projector(np.stack([z * homogeneous(rig.camera.normalize(grid)) for z in (800, 1200)]))
+    inside = ((seen >= -0.5) & (seen <= [799.5, 599.5])).all(axis=-1)
+    np.testing.assert_array_equal(there, inside)
+    np.testing.assert_array_equal(projector_xy[there], seen[there])
+
+
+@pytest.mark.parametrize(("shift", "axis"), [((300, 10, 0), 0), ((-10, 300, 0), 1), ((200, -250, 90), 1)])
+def test_the_steeper_axis_is_the_one_along_the_baseline(shift, axis):
+    points = np.random.default_rng(0).uniform([-200, -200, 800], [200, 200, 1200], (50, 3))
+    points[3] = np.nan
+    assert steeper_axis(Rig(lens(), lens(), Pose(np.eye(3), np.array(shift, dtype=float))), points) == axis

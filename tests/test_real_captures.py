@@ -79,8 +79,9 @@ def test_gray_board():
         print(capture.name, board)
         assert abs(board["side"] - 75.0) <= 0.1
         # One axis alone: rows place the board, columns cannot; given both, rows are chosen without being told.
-        rows, cols = (ray_plane(_only(capture.correspondences, axis), calibration.rig).sigma_mm for axis in (1, 0))
-        chosen = ray_plane(capture.correspondences, calibration.rig).sigma_mm
+        rig, found = calibration.rig, capture.correspondences
+        rows, cols = (ray_plane(_only(found, axis), rig).sigma_decoding_mm for axis in (1, 0))
+        chosen = ray_plane(found, rig).sigma_decoding_mm
         assert np.nanmedian(rows) < 0.5 * np.nanmedian(cols)
         assert np.mean(chosen == rows) > 0.95
 

@@ -59,6 +59,59 @@ def test_a_wrong_parameter_is_named(change, words):
         registry.create(Plugin, GOOD | change, "x.toml")
 
 
+@dataclass(frozen=True)
+class Plain:
+    width: float
+
+
+@dataclass(frozen=True)
+class Round:
+    radius: float
+    kind: Literal["round"] = "round"
+
+
+@dataclass(frozen=True)
+class Square:
+    side: float
+    kind: Literal["square"] = "square"
+
+
+@dataclass(frozen=True)
+class Shaped:
+    shape: Plain | Round | Square
+
+
+@dataclass(frozen=True)
+class AlwaysRound:
+    shape: Round | Square
+
+
+def test_a_table_chooses_among_classes_by_its_kind():
+    for shape in (Plain(1.0), Round(2.0), Square(3.0)):
+        made = registry.create(Shaped, registry.parameters_of(Shaped(shape)), "x.toml")
+        assert made == Shaped(shape)
+
+
+@pytest.mark.parametrize(
+    ("plugin", "shape", "words"),
+    [
+        (
+            Shaped,
+            {"kind": "oval"},
+            "shape: kind must be one of 'round', 'square', or be left away for a Plain, not 'oval'",
+        ),
+        (Shaped, {"kind": "round", "side": 2}, "shape: 'side' is no parameter; there are: radius, kind"),
+        (Shaped, {"radius": 2}, "shape: 'radius' is no parameter; there are: width"),
+        (Shaped, {"kind": ["round"]}, "kind must be one of"),
+        (AlwaysRound, {"radius": 2}, "kind must be one of 'round', 'square', not None"),
+        (Shaped, 3, "shape must be a table"),
+    ],
+)
+def test_a_wrong_kind_is_named(plugin, shape, words):
+    with pytest.raises(InputError, match=words):
+        registry.create(plugin, {"shape": shape}, "x.toml")
+
+
 def test_a_missing_parameter_is_named():
     with pytest.raises(InputError, match="'inner' is missing"):
         registry.create(Plugin, {"size": [1, 1]}, "x.toml")

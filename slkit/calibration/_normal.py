@@ -32,6 +32,12 @@ class Free:
     value: Array
     sigma: Array
 
+    def of(self, shared: Array) -> Array:
+        """Return derivatives (n, 2, s) over all shared parameters as derivatives (n, 2, p) over the free ones."""
+        single = (self.spread != 0).sum(axis=0) == 1
+        # A lens of known aspect moves two parameters at once; all others are taken as they are, which is far quicker.
+        return shared[:, :, self.spread.argmax(axis=0)] if single.all() else shared @ self.spread
+
 
 @dataclass(frozen=True, eq=False)
 class Problem:
@@ -103,7 +109,7 @@ def normal_equations(
     for part in problem.parts:
         found, weight = blocks[part.name], weights[part.name]
         matrix = np.zeros((len(gradient), len(gradient)))
-        jacobian = np.concatenate([found.shared @ free.spread, found.pose], axis=2).reshape(-1, shared + 6)
+        jacobian = np.concatenate([free.of(found.shared), found.pose], axis=2).reshape(-1, shared + 6)
         weighted = jacobian * weight.reshape(-1, 1)
         pull = weighted * found.error.reshape(-1, 1)
         matrix[:shared, :shared] = weighted[:, :shared].T @ jacobian[:, :shared]

@@ -55,7 +55,7 @@ def observe_white(name: str, white: Image, pattern: Image, marks: Marks | Printe
         return BoardView.unusable(name, size, found)
     corners, notes = found
     corners = corners.reshape(-1, 2)
-    on_board, lit = np.isfinite(place).all(axis=1), np.isfinite(corners).all(axis=1)
+    on_board, lit = np.asarray(np.isfinite(place).all(axis=1)), np.asarray(np.isfinite(corners).all(axis=1))
     silent, exact = np.full((int(on_board.sum()), 2), np.nan), np.zeros((int(lit.sum()), 2))
     if isinstance(marks, TagMarks) and not on_board.all():
         notes = (*notes, f"{on_board.sum() // 4} of {len(on_board) // 4} tags were seen")

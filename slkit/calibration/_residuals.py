@@ -46,12 +46,15 @@ class Block:
     """Residuals of one class and their derivatives.
 
     error (n, 2) px: predicted minus seen, in the projector for `decoded`, else in the camera; shared (n, 2, s) over
-    the shared parameters of `_state`; pose (n, 2, 6) over the motion of the row's view.
+    the shared parameters of `_state`; pose (n, 2, 6) over the motion of the row's view; local (n, 3) mm: the place on
+    the target; height (n, 2): over a rise of the target's surface there.
     """
 
     error: Array
     shared: Array
     pose: Array
+    local: Array
+    height: Array
 
 
 def rows_of(view: BoardView) -> dict[str, Ints]:
@@ -123,8 +126,9 @@ def block(part: Part, state: State, board: Ints) -> Block:
         shared[:, :, :10] = lens
         error = pixels - part.camera_xy
     pose = np.concatenate([np.cross(turned[:, None], slope), slope], axis=2)
-    _add_board(shared, part, state, board, slope @ state.rotations[part.view], tilt)
-    return Block(error, shared, pose)
+    local_slope = slope @ state.rotations[part.view]
+    _add_board(shared, part, state, board, local_slope, tilt)
+    return Block(error, shared, pose, local, local_slope[:, :, 2])
 
 
 def len_shared(state: State) -> int:
@@ -147,7 +151,7 @@ def _projected(part: Part, state: State, board: Ints) -> Block:
     into = np.einsum("nji,nj->ni", turn, direction)
     start = np.einsum("nji,nj->ni", turn, origin - state.translations[part.view])
     for k, surface in enumerate(state.surfaces):
-        mine = board[part.view] == k
+        mine = _shown(part, state, board, k)
         local[mine], normal[mine] = surface.intersect(start[mine], into[mine], part.face[mine])
         if isinstance(surface, Sheet):
             raised[mine] = surface.profile(local[mine][:, :2]) * normal[mine][:, 2:]
@@ -165,17 +169,17 @@ def _projected(part: Part, state: State, board: Ints) -> Block:
     shared[:, :, LENSES : LENSES + 3] = turning
     shared[:, :, LENSES + 3 : MOTION] = -across
     for k in range(len(state.surfaces)):
-        mine = board[part.view] == k
+        mine = _shown(part, state, board, k)
         shared[mine, :, MOTION + 2 * k : MOTION + 2 * k + 2] = along[mine, :, None] * raised[mine, None]
     pose = along[:, :, None] * np.concatenate([np.cross(turned, upright), upright], axis=1)[:, None]
-    return Block(pixels - part.camera_xy, shared, pose)
+    return Block(pixels - part.camera_xy, shared, pose, local, along * normal[:, 2:])
 
 
 def places(part: Part, state: State, board: Ints) -> tuple[Array, Array]:
     """Return the points (n, 3) mm of printed rows in their target's frame, and how the warp raises them (n, 2)."""
     local, raised = np.empty((len(part.view), 3)), np.zeros((len(part.view), 2))
     for k, surface in enumerate(state.surfaces):
-        mine = board[part.view] == k
+        mine = _shown(part, state, board, k)
         local[mine] = surface.place(part.board_xy[mine], part.face[mine])
         if isinstance(surface, Sheet):
             raised[mine] = surface.profile(part.board_xy[mine])
@@ -187,15 +191,19 @@ def places(part: Part, state: State, board: Ints) -> tuple[Array, Array]:
 
 def _add_board(shared: Array, part: Part, state: State, board: Ints, local_slope: Array, raised: Array) -> None:
     """Write the derivatives over warp and released points; local_slope (n, 2, 3): over the target's own frame."""
-    boards = board[part.view]
     for k in range(len(state.surfaces)):
-        mine = boards == k
+        mine = _shown(part, state, board, k)
         shared[mine, :, MOTION + 2 * k : MOTION + 2 * k + 2] = local_slope[mine, :, 2:] * raised[mine, None]
     if sum(len(r) for r in state.released):
         first = MOTION + 2 * len(state.surfaces) + 3 * part.point
         rows = np.arange(len(first))
         for axis in range(3):
             shared[rows, :, first + axis] = local_slope[:, :, axis]
+
+
+def _shown(part: Part, state: State, board: Ints, number: int) -> slice | npt.NDArray[np.bool_]:
+    """Return the rows of a part that show one board."""
+    return slice(None) if len(state.surfaces) == 1 else board[part.view] == number
 
 
 def face_of(view: BoardView) -> Ints:

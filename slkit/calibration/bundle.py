@@ -240,15 +240,20 @@ def _worst_view(problem: Problem, distances: Mapping[str, Array], kept: Masks) -
     worst = None
     for part in problem.parts:
         mask = kept[part.name]
-        views = np.unique(part.view[mask])
+        views, medians = _medians(distances[part.name][mask], part.view[mask])
         if len(views) < _FEWEST_VIEWS:
             continue
-        medians = np.array([np.median(distances[part.name][mask & (part.view == v)]) for v in views])
         ratios = medians / max(float(np.median(medians)), 1e-12)
         top = int(np.argmax(ratios))
         if ratios[top] > _VIEW_RATIO and (worst is None or ratios[top] > worst[2]):
             worst = int(views[top]), part.name, float(ratios[top])
     return worst
+
+
+def _medians(values: Array, view: npt.NDArray[np.intp]) -> tuple[npt.NDArray[np.intp], Array]:
+    """Return the views that occur, and the upper median of the values (n,) of each."""
+    views, starts, counts = np.unique(view, return_index=True, return_counts=True)
+    return views, values[np.lexsort((values, view))][starts + counts // 2]
 
 
 def _total(matrices: Mapping[str, Array]) -> Array:

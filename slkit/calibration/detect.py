@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from slkit.calibration._fit import Drawing, fit_drawing
+from slkit.calibration._fit import Drawing, fit_drawing, softened
 from slkit.data import Image, describe_image
 from slkit.targets import grid
 
@@ -20,6 +20,8 @@ WHOLE_REACH = 0.4
 """How much of plain squares is fitted; their far corners must stay outside."""
 _MISFIT = 0.15
 """A corner further than this share of the local spacing from where its neighbours put it is not a corner."""
+_NEAR_PX, _NEAR = 1.0, 0.03
+"""How far, in px or as a share of the spacing, a fitted corner may lie from where gradients put it."""
 _LOST_SHARE = 0.1
 """A board with a larger share of such corners was not found."""
 
@@ -27,7 +29,8 @@ _LOST_SHARE = 0.1
 def to_8bit(image: Image) -> npt.NDArray[np.uint8]:
     """Return a picture (h, w) or (h, w, 3) as 8-bit grey (h, w), its range stretched to full contrast."""
     grey = image.astype(np.float32) if image.ndim == 2 else image.mean(axis=2, dtype=np.float32)
-    low, high = np.percentile(grey, (0.5, 99.5))
+    # The ink of four small marks is less than a hundredth of the picture, and must not be cut off.
+    low, high = np.percentile(grey, (0.01, 99.9))
     return np.clip((grey - low) * (255 / max(float(high - low), 1.0)), 0, 255).astype(np.uint8)
 
 
@@ -110,13 +113,14 @@ def fit_corners(image: npt.NDArray[np.uint8], corners: Corners, reach: float) ->
         return result
     far = np.array([-9.0, 0.0, 9.0])
     drawing = Drawing(far, far, np.eye(2), reach)
-    spacing = spacing_of(corners)
+    soft, spacing = softened(image), spacing_of(corners)
     for row, col in np.argwhere(seen):
         # The homography of the board tells the shape of the squares; the lens may have moved them together.
         start = matrix @ np.array([[1.0, 0, col], [0, 1.0, row], [0, 0, 1.0]])
         away = corners[row, col] - start[:2, 2] / start[2, 2]
-        found = fit_drawing(image, drawing, np.array([[1, 0, away[0]], [0, 1, away[1]], [0, 0, 1]]) @ start)
-        if found is not None and np.linalg.norm(found[:2, 2] - corners[row, col]) < _MISFIT * spacing[row, col]:
+        found = fit_drawing(soft, drawing, np.array([[1, 0, away[0]], [0, 1, away[1]], [0, 0, 1]]) @ start)
+        near = max(_NEAR_PX, _NEAR * spacing[row, col])
+        if found is not None and np.linalg.norm(found[:2, 2] - corners[row, col]) < near:
             result[row, col] = found[:2, 2]
     return result
 

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from slkit.calibration import solve
+from slkit.calibration._geometry_findings import geometry_findings
 from slkit.calibration._parameters import Array, rms
 from slkit.calibration._residuals import face_of, places
 from slkit.calibration._sequence import in_sequence
@@ -16,7 +17,7 @@ from slkit.calibration._verdict import verdict_of
 from slkit.calibration.bundle import Adjusted, adjust
 from slkit.calibration.model import Lens, Model
 from slkit.calibration.surfaces import PointSet, Sheet, Surface
-from slkit.data import BoardView, Calibration, ViewResult
+from slkit.data import BoardView, Calibration, Finding, ViewResult
 from slkit.geometry import Pinhole, Pose, Rig, homogeneous
 
 _FEWEST_POINTS = 4
@@ -31,11 +32,13 @@ def estimate(
     model: Model,
     boards: Mapping[str, int] | None = None,
     surfaces: Sequence[Surface | None] | None = None,
+    sides: Sequence[str] = ("the board",),
 ) -> Calibration:
     """Return the calibration that explains the views.
 
     placed: a first pose camera_from_target of every view that counts, by name; camera: a first guess, projector: size
-    (w, h) px; boards: by name which board a view shows, default all the same; surfaces: one a board, None for a sheet.
+    (w, h) px; boards: by name which board a view shows, default all the same; surfaces: one a board, None for a sheet;
+    sides: how to call each board in a sentence.
     Errors: CalibrationError where the points do not determine a projector.
     """
     used = [v for v in views if v.name in placed]
@@ -46,8 +49,12 @@ def estimate(
     pixels = [v.projector_xy[v.projected] for v in used]
     start = solve.solve_projector(np.concatenate(points), np.concatenate(pixels), projector, lens=model.projector)
     rough = Rig(camera, start.projector, start.projector_from_camera)
-    found = (adjust if model.refine else in_sequence)(rough, poses, used, model, shown, given)
-    return _calibration(method, views, used, found, model)
+    arguments = (rough, poses, used, model, shown, given)
+    found = adjust(*arguments) if model.refine else in_sequence(*arguments)
+    whole = all(mask.all() for mask in found.kept.values())
+    plain = found if whole and found.weights else adjust(*arguments[:3], replace(model, loss="squares"), shown, given)
+    findings = geometry_findings(found, plain, used, sides)
+    return _calibration(method, views, used, found, model, findings)
 
 
 def points_of(camera: Pinhole, pose: Pose, view: BoardView, surface: Surface | None = None) -> Array:
@@ -87,12 +94,18 @@ def alone(
 
 
 def _calibration(
-    method: str, views: Sequence[BoardView], used: Sequence[BoardView], found: Adjusted, model: Model
+    method: str,
+    views: Sequence[BoardView],
+    used: Sequence[BoardView],
+    found: Adjusted,
+    model: Model,
+    findings: Sequence[Finding] = (),
 ) -> Calibration:
     state, rejected = found.state, {used[i].name: reason for i, reason in found.rejected.items()}
     names = [v.name for v in used]
     poses = dict(zip(names, state.poses, strict=True))
     kept = dict(zip(names, found.kept_rows(used), strict=True))
+    shown = dict(zip(names, found.problem.board.tolist(), strict=True))
     errors = dict(zip(names, _errors(used, found), strict=True))
     own = dict(zip(names, _own_residuals(used, found, model), strict=True))
     results: list[ViewResult] = []
@@ -120,6 +133,7 @@ def _calibration(
                 camera,
                 projector,
                 mask,
+                shown[view.name],
             )
         )
     evidence = {"parameters": list(found.names), "matrix": found.covariance}
@@ -133,7 +147,7 @@ def _calibration(
         rms_projector=rms_projector,
         rms_joint=rms_joint,
         covariance=evidence,
-        verdict=verdict_of(rms_joint, results),
+        verdict=verdict_of(rms_joint, results, findings),
         notes=tuple(f"{r.name}: {r.reason}" for r in results if r.reason),
         classes=found.classes,
     )

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from slkit.calibration._fit import Drawing, fit_drawing
+from slkit.calibration._fit import Drawing, fit_drawing, softened
 from slkit.targets import BorderMarks, CornerMarks
 
 Points = npt.NDArray[np.float64]
@@ -26,6 +26,8 @@ _MIN_CONTRAST = 0.3
 # Places of a mark in cells. They reach near the outline, so that a mark stretched by a wrong homography fails.
 _BLACK = np.array([[s * x, s * y] for s in (-1, 1) for x, y in ((0.5, 0.5), (0.75, 0.75), (0.75, 0.25), (0.25, 0.75))])
 _WHITE = _BLACK * [1, -1]
+_BENT = 2.0
+"""How far in cells a mark may lie from where the homography of the first four puts it."""
 _DRAWING = Drawing(np.array([-1.0, 0.0, 1.0]), np.array([-1.0, 0.0, 1.0]), np.eye(2), reach=1.35)
 """A mark in cells, and a rim of white."""
 _AROUND = np.array([[s * x, t * y] for s in (-1, 1) for t in (-1, 1) for x, y in ((1.4, 0.5), (0.5, 1.4))])
@@ -42,17 +44,21 @@ def find_marks(image: npt.NDArray[np.uint8], target: CornerMarks | BorderMarks) 
     smooth = np.asarray(cv2.GaussianBlur(image.astype(np.float32), (0, 0), 1.0), dtype=np.float32)
     points = target.points()
     candidates = _saddles(image, max(_CANDIDATES, len(points) + _SPARE))
-    proposals = _homographies(_quads(candidates), points[:4])
-    score = _scores(smooth, proposals, points[:4], target.cell_mm)
+    quads = _quads(candidates)
+    if not len(quads):
+        return None
+    proposals = _homographies(quads, points[:4])
+    score = _scores(smooth, proposals, points[:4], target.cell_mm, 0.0)
     proposals = proposals[score > _MIN_CONTRAST]
     if not len(proposals):
         return None
-    score = _scores(smooth, proposals, points, target.cell_mm)
+    shifts = _shifts(candidates, proposals, points, target.cell_mm)
+    score = _scores(smooth, proposals, points, target.cell_mm, shifts)
     # A small bonus for the upright order decides between two that fit equally well.
     best = int(np.argmax(score * (1 + 1e-3 * _uprightness(proposals, points[:4]))))
     if score[best] <= _MIN_CONTRAST:
         return None
-    return _refined(image, proposals[best], points, target.cell_mm)
+    return _refined(image, proposals[best], points, target.cell_mm, shifts[best])
 
 
 def _saddles(image: npt.NDArray[np.uint8], most: int) -> Points:
@@ -126,14 +132,35 @@ def _homographies(quads: Points, corners: Points) -> Points:
     rows[:, 4:, 6], rows[:, 4:, 7] = -v * x, -v * y
     found = np.linalg.solve(rows, np.concatenate([u, v], axis=1)[..., None])[..., 0]
     matrix = np.concatenate([found, np.ones((len(quads), 1))], axis=1).reshape(-1, 3, 3)
-    return matrix @ np.diag([1 / scale, 1 / scale, 1.0])
+    return np.asarray(matrix @ np.diag([1 / scale, 1 / scale, 1.0]), dtype=np.float64)
 
 
-def _scores(smooth: npt.NDArray[np.float32], homographies: Points, centers: Points, cell_mm: float) -> Points:
-    """Return for each proposed homography (m,) the smallest contrast of a mark; 0 where one is not as drawn."""
+def _shifts(candidates: Points, homographies: Points, centers: Points, cell_mm: float) -> Points:
+    """Return how far (m, n, 2) in px each mark lies from where a homography of the first four puts it.
+
+    A lens bends the rows between them; the nearest candidate tells, if one lies within reach. NaN where none does.
+    """
+    predicted = _mapped(homographies, centers)
+    beside = _mapped(homographies, centers + [cell_mm, 0.0])
+    reach = _BENT * np.linalg.norm(beside - predicted, axis=2)
+    away = candidates - predicted[:, :, None]
+    distance = np.linalg.norm(away, axis=3)
+    nearest = distance.argmin(axis=2)[..., None]
+    shifts = np.take_along_axis(away, nearest[..., None], axis=2)[:, :, 0]
+    shifts[np.take_along_axis(distance, nearest, axis=2)[..., 0] > reach] = np.nan
+    return shifts
+
+
+def _scores(
+    smooth: npt.NDArray[np.float32], homographies: Points, centers: Points, cell_mm: float, shifts: Points | float
+) -> Points:
+    """Return for each proposed homography (m,) the smallest contrast of a mark; 0 where one is not as drawn.
+
+    shifts (m, n, 2): from where the homography puts each mark to where it is looked for, in px.
+    """
     places = centers[:, None] + np.concatenate([_BLACK, _WHITE, _AROUND])[None] * cell_mm
-    values = _sample(smooth, _mapped(homographies, places.reshape(-1, 2)))
-    values = values.reshape(len(homographies), len(centers), -1)
+    seen = _mapped(homographies, places.reshape(-1, 2)).reshape(len(homographies), *places.shape)
+    values = _sample(smooth, seen + np.expand_dims(shifts, 2) if np.ndim(shifts) else seen)
     dark, bright, around = np.split(values, [len(_BLACK), len(_BLACK) + len(_WHITE)], axis=2)
     # White paper must surround a mark; where the picture ends there it cannot be asked for.
     paper = np.minimum(bright.min(axis=2), np.where(np.isnan(around), np.inf, around).min(axis=2))
@@ -164,11 +191,15 @@ def _uprightness(homographies: Points, corners: Points) -> Points:
     return right[:, 0] / np.linalg.norm(right, axis=1) + down[:, 1] / np.linalg.norm(down, axis=1)
 
 
-def _refined(image: npt.NDArray[np.uint8], homography: Points, centers: Points, cell_mm: float) -> Points | None:
+def _refined(
+    image: npt.NDArray[np.uint8], homography: Points, centers: Points, cell_mm: float, shifts: Points
+) -> Points | None:
     """Return the marks (n, 2) px where their drawing fits their picture best, or None where one does not fit."""
+    soft = softened(image)
     places: list[Points] = []
-    for x, y in centers:
-        found = fit_drawing(image, _DRAWING, homography @ np.array([[cell_mm, 0, x], [0, cell_mm, y], [0, 0, 1]]))
+    for (x, y), (dx, dy) in zip(centers, shifts, strict=True):
+        start = homography @ np.array([[cell_mm, 0, x], [0, cell_mm, y], [0, 0, 1]])
+        found = fit_drawing(soft, _DRAWING, np.array([[1, 0, dx], [0, 1, dy], [0, 0, 1]]) @ start)
         if found is None:
             return None
         places.append(found[:2, 2] / found[2, 2])

@@ -19,6 +19,7 @@ from slkit.data import BoardView, Calibration, Capture, Image
 from slkit.errors import CalibrationError
 from slkit.geometry import Pinhole, Pose, as_size
 
+_SIDES = ("side A", "side B")
 _AMBIGUOUS = 2.0
 """A board pose whose mirror solution fits less than this many times worse is reported."""
 
@@ -69,7 +70,7 @@ class Planar:
         known |= {v.name: pose for v, pose in zip(printed, poses, strict=True)}
         shown = [placed[v.name][0] if v.name in placed else v for v in views]
         sides = {v.name: int(v.name in placed) for v in shown}
-        return estimate("planar", shown, known, camera, self.projector, self.model, sides)
+        return estimate("planar", shown, known, camera, self.projector, self.model, sides, sides=_SIDES)
 
     def _observe(self, capture: Capture, size: tuple[int, int]) -> BoardView:
         pictures = (capture.printed, capture.marks, capture.projected)

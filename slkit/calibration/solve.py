@@ -21,7 +21,7 @@ from slkit.calibration._parameters import (
 )
 from slkit.calibration._state import moved_lens
 from slkit.calibration.model import Lens
-from slkit.data import BoardView
+from slkit.data import BoardView, Finding
 from slkit.errors import CalibrationError, InputError
 from slkit.geometry import LENS_NAMES, Pinhole, Pose, as_size, homogeneous
 
@@ -187,7 +187,10 @@ def linear_projector(xyz: Array, pixels: Array, size: tuple[int, int]) -> Projec
     signs = np.sign(np.diag(upper))
     upper, turn = upper * signs, signs[:, None] * turn
     if np.linalg.det(turn) < 0:
-        raise CalibrationError("the points and their projector pixels are mirrored: is the pattern projected mirrored?")
+        remedy = "switch off the projector's setting for rear projection, and take all views again"
+        mirrored = Finding("the projected image is mirrored", "", remedy, "mirrored")
+        sentence = "the points and their projector pixels are mirrored: is the pattern projected mirrored?"
+        raise CalibrationError(sentence, (mirrored,))
     translation = np.linalg.solve(upper, camera_matrix[:, 3])
     focal_x, focal_y = np.diag(upper)[:2] / upper[2, 2]
     center_x, center_y = upper[:2, 2] / upper[2, 2]

@@ -11,7 +11,7 @@ import traceback
 
 import typer
 
-from slkit.cli import calibrate, patterns, plugins, rig, scan, simulate
+from slkit.cli import board, calibrate, patterns, plugins, rig, scan, simulate
 from slkit.errors import SlkitError
 
 app = typer.Typer(
@@ -23,6 +23,7 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 app.command("patterns")(patterns.patterns)
+app.command("board")(board.board)
 app.add_typer(simulate.app, name="simulate")
 app.command("calibrate")(calibrate.calibrate)
 app.command("scan")(scan.scan)

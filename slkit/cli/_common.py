@@ -45,11 +45,11 @@ def parse_settings(settings: Sequence[str] | None) -> dict[str, Any]:
     return result
 
 
-def parse_size(text: str, option: str) -> tuple[int, int]:
-    """Return "1024x768" as (1024, 768). Errors: InputError naming the option."""
+def parse_size(text: str, option: str, what: str = "width x height in px, such as 1024x768") -> tuple[int, int]:
+    """Return "1024x768" as (1024, 768). Errors: InputError naming the option and `what` it must be."""
     match = re.fullmatch(r"(\d+)[xX×](\d+)", text.strip())
     if not match or not min(map(int, match.groups())):
-        raise InputError(f"{option} must be width x height in px, such as 1024x768, not {text!r}")
+        raise InputError(f"{option} must be {what}, not {text!r}")
     return int(match.group(1)), int(match.group(2))
 
 

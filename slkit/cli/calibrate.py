@@ -20,22 +20,37 @@ def calibrate(
         str | None, typer.Option("--method", metavar="NAME", help="Instead of the file's method.")
     ] = None,
     settings: SetOption = None,
+    no_refine: Annotated[
+        bool, typer.Option("--no-refine", help="The paper's sequence of camera, poses, projector; no joint adjustment.")
+    ] = False,
+    select: Annotated[
+        bool, typer.Option("--select", help="Choose the distortion coefficients by the views that they predict.")
+    ] = False,
+    report: Annotated[
+        Path | None, typer.Option("--report", metavar="DIR", help="Folder for a page with figures of the evidence.")
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Calibrate camera and projector from pictures of boards."""
     from slkit import pipeline
-    from slkit.files import write_rig
+    from slkit.files import merged, plain, write_rig
 
+    parameters = parse_settings(settings)
+    if no_refine:
+        parameters = merged(parameters, {"model": {"refine": False}})
     with progress_bar() as progress:
-        calibration = pipeline.calibrate(folder, method, parse_settings(settings), progress)
+        calibration = pipeline.calibrate(folder, method, parameters, progress, select=select, report=report)
     evidence = pipeline.provenance(calibration)
     write_rig(output, calibration.rig, evidence)
     if as_json:
         views = [view | {"rms_px": view["rms_px"]["joint"]} for view in evidence["views"]]
-        told = {"rms_px": evidence["rms_px"], "views": views, "verdict": evidence["verdict"]}
-        print_json(told | {"rig": str(output)})
+        told = {name: evidence[name] for name in ("rms_px", "verdict", "notes", "diagnosis")} | {"views": views}
+        files = {"rig": str(output)} | ({} if report is None else {"report": str(report / "report.html")})
+        print_json(plain(told) | files)
     else:
         _print(calibration, evidence, output)
+        if report is not None:
+            print(f"report: {report / 'report.html'}")
 
 
 def _print(calibration: Calibration, evidence: dict[str, Any], output: Path) -> None:
@@ -56,6 +71,7 @@ def _print(calibration: Calibration, evidence: dict[str, Any], output: Path) -> 
         f"rms: camera {number(rms['camera'])} px, projector {number(rms['projector_device'])} px, "
         f"joint {number(rms['joint'])} px ({calibration.method})"
     )
+    _print_diagnosis(calibration)
     print(f"verdict: {calibration.verdict.grade}")
     for finding in calibration.verdict.reasons:
         where = f"{finding.view}: " if finding.view else ""
@@ -65,3 +81,23 @@ def _print(calibration: Calibration, evidence: dict[str, Any], output: Path) -> 
         if note not in told:
             print(f"note: {note}")
     print(f"rig: {output}")
+
+
+def _print_diagnosis(calibration: Calibration) -> None:
+    for name, found in calibration.classes.items():
+        rejected = f", {found.rejected} rejected" if found.rejected else ""
+        print(f"{name}: {found.rows} points{rejected}, {number(found.sigma_px)} px a coordinate")
+    diagnosis = calibration.diagnosis
+    if diagnosis is None:
+        return
+    if diagnosis.left_out_px:
+        print(f"left-out views are predicted to {number(diagnosis.left_out_rms_px)} px in the projector")
+    for name, volume in (
+        ("3D uncertainty, 1 sigma after rigid alignment", diagnosis.uncertainty),
+        ("two halves of the views, after rigid alignment, differ by", diagnosis.cross_validation),
+    ):
+        if volume is not None:
+            low, high = volume.depths_mm.min(), volume.depths_mm.max()
+            print(f"{name}: {number(volume.rms_mm)} mm at depths of {low:.0f} to {high:.0f} mm")
+    for first, second, value in diagnosis.correlations:
+        print(f"{first} and {second} cannot be told apart: correlation {number(value)}")

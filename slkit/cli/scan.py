@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -47,19 +48,33 @@ def scan(
 
 
 def _report(result: ScanResult, seconds: dict[str, float], output: Path, as_json: bool) -> None:
-    import numpy as np
-
-    sigma = result.cloud.sigma_mm[np.isfinite(result.cloud.sigma_mm)]
-    median, p95 = (float(v) for v in np.percentile(sigma, [50, 95])) if len(sigma) else (float("nan"),) * 2
+    cloud = result.cloud
+    sigmas = {n: _spread(getattr(cloud, n)) for n in ("sigma_mm", "sigma_decoding_mm", "sigma_cal_mm")}
     if as_json:
-        evidence = {"points": len(result.cloud), "seconds": seconds, "sigma_mm": {"median": median, "p95": p95}}
-        print_json(evidence | {"cloud": str(output)})
+        print_json({"points": len(cloud), "seconds": seconds, **sigmas, "cloud": str(output)})
         return
-    print(f"points: {len(result.cloud)} in {output}")
+    print(f"points: {len(cloud)} in {output}")
     removed = ", ".join(f"{name} {count}" for name, count in result.removed.items())
     print(f"removed by filter: {removed or 'none'}")
-    print(f"sigma along the ray: median {number(median)} mm, 95 % below {number(p95)} mm")
+    whole, decoding, calibration = sigmas.values()
+    print(f"sigma along the ray: median {number(whole['median'])} mm, 95 % below {number(whole['p95'])} mm")
+    print(f"  of it from decoding: median {number(decoding['median'])} mm, from calibration: {_known(calibration)}")
     print("seconds: " + ", ".join(f"{stage} {number(value, 2)}" for stage, value in seconds.items()))
+
+
+def _spread(values: Any) -> dict[str, float]:
+    """Return median and 95th percentile of those values (m,) that are known, NaN without any."""
+    import numpy as np
+
+    known = values[np.isfinite(values)]
+    median, p95 = np.percentile(known, [50, 95]).tolist() if len(known) else (float("nan"),) * 2
+    return {"median": median, "p95": p95}
+
+
+def _known(sigma: dict[str, float]) -> str:
+    if math.isnan(sigma["median"]):
+        return "not known, for the rig has no covariance"
+    return f"median {number(sigma['median'])} mm"
 
 
 def view(

@@ -40,6 +40,10 @@ def calibration(
     noise: NoiseOption = None,
     seed: SeedOption = 0,
     settings: SetOption = None,
+    fault: Annotated[
+        str | None, typer.Option("--fault", metavar="NAME", help="A mistake that the user makes; docs/faults.md.")
+    ] = None,
+    strength: Annotated[str, typer.Option("--strength", metavar="mild|strong", help="Of the mistake.")] = "mild",
     as_json: JsonOption = False,
 ) -> None:
     """Render boards as `slkit calibrate` reads them: two-sided, or with a codec's light on the printed side."""
@@ -52,7 +56,7 @@ def calibration(
     name = codec[0] if codec else None
     with progress_bar() as progress:
         pipeline.simulate_calibration(
-            output, _rig(rig), poses, name, parse_settings(settings), _optics(noise), seed, progress
+            output, _rig(rig), poses, name, parse_settings(settings), _optics(noise), seed, progress, fault, strength
         )
     _report([output], as_json)
 

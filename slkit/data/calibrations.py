@@ -23,7 +23,7 @@ class ViewResult:
     (rms_device), rms_joint with both under the one shared pose. reason: why it was not used, or what to know; else "".
     Of a view that was used also, one row a row of `view`: pose camera_from_board; camera_xy_error and
     projector_xy_error (n, 2) px, what the rig predicts minus what was seen, NaN where nothing was; kept (n,): rows that
-    were not rejected.
+    were not rejected; board: which of the method's boards the view shows.
     """
 
     name: str
@@ -37,6 +37,7 @@ class ViewResult:
     camera_xy_error: Doubles | None = None
     projector_xy_error: Doubles | None = None
     kept: npt.NDArray[np.bool_] | None = None
+    board: int = 0
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -61,9 +61,11 @@ class Correspondences:
 class PointCloud:
     """Points in the camera frame with the evidence for each.
 
-    xyz (m, 3) mm; color (m, 3) RGB 0 to 1; sigma_mm (m,): 1 sigma along the viewing ray that the decoding causes;
-    residual_px (m,): reprojection residual, NaN where one coded axis leaves no redundancy. All float32.
-    camera_xy (m, 2) px: where the camera saw the point. normals (m, 3), of length 1, or None.
+    xyz (m, 3) mm; color (m, 3) RGB 0 to 1; sigma_mm (m,): 1 sigma along the viewing ray, decoding and calibration
+    together where both are known; residual_px (m,): reprojection residual, NaN where one coded axis leaves no
+    redundancy; camera_xy (m, 2) px: where the camera saw the point; normals (m, 3), of length 1, or None;
+    sigma_cal_mm (m,): the calibration's share of sigma_mm, which neighbours have in common, or NaN where it is not
+    known: sigma_mm is then the decoding's alone. One number stands for all points. All float32.
     Errors: InputError where shapes disagree.
     """
 
@@ -73,9 +75,12 @@ class PointCloud:
     residual_px: Float32s
     camera_xy: Float32s
     normals: Float32s | None = None
+    sigma_cal_mm: Float32s = field(default_factory=lambda: np.array(np.nan, dtype=np.float32))
 
     def __post_init__(self) -> None:
-        widths = {"xyz": 3, "color": 3, "sigma_mm": None, "residual_px": None, "camera_xy": 2}
+        if np.ndim(self.sigma_cal_mm) == 0:
+            object.__setattr__(self, "sigma_cal_mm", np.full(len(self.xyz), self.sigma_cal_mm, dtype=np.float32))
+        widths = {"xyz": 3, "color": 3, "sigma_mm": None, "residual_px": None, "camera_xy": 2, "sigma_cal_mm": None}
         _hold_float32(self, widths | ({} if self.normals is None else {"normals": 3}))
 
     def __len__(self) -> int:
@@ -86,6 +91,12 @@ class PointCloud:
         """Mask (m,) of the points that exist: xyz is not NaN."""
         return np.asarray(np.isfinite(self.xyz).all(axis=1))
 
+    @property
+    def sigma_decoding_mm(self) -> Float32s:
+        """The decoding's share (m,) of sigma_mm, which differs from point to point."""
+        whole, calibration = (v.astype(np.float64) for v in (self.sigma_mm, np.nan_to_num(self.sigma_cal_mm)))
+        return np.sqrt(np.maximum(whole**2 - calibration**2, 0)).astype(np.float32)
+
     def select(self, keep: npt.NDArray[Any]) -> PointCloud:
         """Return the points named by a mask (m,) or by indices."""
         return PointCloud(
@@ -95,16 +106,17 @@ class PointCloud:
             self.residual_px[keep],
             self.camera_xy[keep],
             None if self.normals is None else self.normals[keep],
+            self.sigma_cal_mm[keep],
         )
 
     def to_open3d(self) -> Any:
-        """Return an `open3d.t.geometry.PointCloud` with positions, colors, sigma_mm, residual_px and normals kept."""
+        """Return an `open3d.t.geometry.PointCloud` with positions, colors, sigmas, residual_px and normals kept."""
         o3d = _open3d.load()
         tensor = o3d.core.Tensor
         cloud = o3d.t.geometry.PointCloud(tensor(np.ascontiguousarray(self.xyz)))
         cloud.point["colors"] = tensor(np.ascontiguousarray(self.color))
-        cloud.point["sigma_mm"] = tensor(self.sigma_mm.reshape(-1, 1).copy())
-        cloud.point["residual_px"] = tensor(self.residual_px.reshape(-1, 1).copy())
+        for name in ("sigma_mm", "sigma_cal_mm", "residual_px"):
+            cloud.point[name] = tensor(getattr(self, name).reshape(-1, 1).copy())
         if self.normals is not None:
             cloud.point["normals"] = tensor(np.ascontiguousarray(self.normals))
         return cloud

@@ -2,6 +2,7 @@
 
 from slkit.files.atomic import make_folder, write_bytes, write_text
 from slkit.files.folders import (
+    PICTURE_TABLES,
     CalibrationFolder,
     CaptureFolder,
     projector_size,
@@ -14,10 +15,11 @@ from slkit.files.meshes import read_mesh
 from slkit.files.opencv import read_opencv, write_opencv
 from slkit.files.rig import plain, read_provenance, read_rig, rig_table, write_rig
 from slkit.files.sources import FrameSource
-from slkit.files.tables import merged, read_toml, resolve_root, write_toml
+from slkit.files.tables import merged, read_toml, resolve_root, toml_text, write_toml
 
 __all__ = [
     "PICTURE_ENDINGS",
+    "PICTURE_TABLES",
     "CalibrationFolder",
     "CaptureFolder",
     "FrameSource",
@@ -39,6 +41,7 @@ __all__ = [
     "resolve_root",
     "rig_table",
     "toml_file",
+    "toml_text",
     "write_bytes",
     "write_frames",
     "write_opencv",

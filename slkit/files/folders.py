@@ -13,8 +13,14 @@ from slkit.files.sources import FrameSource, find_files, find_folders
 from slkit.files.tables import Table, read_toml, resolve_root, want
 from slkit.geometry import as_size
 
-PICTURE_TABLES = ("printed", "marks", "projected")
-"""Tables of calibration.toml whose `images` become the pictures of that name in a Capture."""
+PICTURE_TABLES = {
+    "printed": "printed",
+    "marks": "marks",
+    "corner_board": "marks",
+    "solid": "marks",
+    "projected": "projected",
+}
+"""Tables of calibration.toml that have `images`, and which picture of a Capture these become."""
 
 
 @dataclass(frozen=True)

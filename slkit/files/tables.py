@@ -32,14 +32,19 @@ def read_toml(path: str | Path) -> Table:
 
 
 def write_toml(path: str | Path, table: Mapping[str, Any], comment: str = "") -> None:
-    """Write a table as TOML, its sub-tables as sections, atomically; `comment` becomes # lines at the top."""
+    """Write a table as `toml_text` gives it, atomically."""
+    write_text(path, toml_text(table, comment))
+
+
+def toml_text(table: Mapping[str, Any], comment: str = "") -> str:
+    """Return a table as TOML, its sub-tables as sections; `comment` becomes # lines at the top."""
     lines = [f"# {line}".rstrip() for line in comment.splitlines()]
     lines += [f"{_key(k)} = {_value(v)}" for k, v in table.items() if not isinstance(v, Mapping)]
     for name, section in table.items():
         if isinstance(section, Mapping):
             lines += ["", f"[{_key(name)}]"]
             lines += [f"{_key(k)} = {_value(v)}" for k, v in cast("Mapping[str, Any]", section).items()]
-    write_text(path, "\n".join(lines) + "\n")
+    return "\n".join(lines).lstrip("\n") + "\n"
 
 
 def merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> Table:

@@ -12,6 +12,7 @@ from slkit.geometry.lenses import Pinhole
 from slkit.geometry.poses import Pose
 from slkit.geometry.rays import homogeneous, intersect_plane, intersect_rays
 from slkit.geometry.rigs import Rig
+from slkit.geometry.volumes import pixel_grid, steeper_axis, working_volume
 
 __all__ = [
     "LENS_NAMES",
@@ -25,5 +26,8 @@ __all__ = [
     "intersect_plane",
     "intersect_rays",
     "normalize_with_derivatives",
+    "pixel_grid",
     "project_with_derivatives",
+    "steeper_axis",
+    "working_volume",
 ]

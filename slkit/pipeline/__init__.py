@@ -4,16 +4,30 @@ None of them prints. `progress`, where a function takes it, is told what is bein
 many there are.
 """
 
-from slkit.pipeline._calibrating import CalibrationTask, calibrate, load_calibration, provenance
+from slkit.pipeline._boards import BOARDS, PAGES, write_board
+from slkit.pipeline._calibrating import (
+    CalibrationTask,
+    calibrate,
+    calibrate_captures,
+    decode_capture,
+    load_calibration,
+    provenance,
+    solve_views,
+)
 from slkit.pipeline._patterns import load_codec, patterns, projected_checkerboard, recipe_codec
+from slkit.pipeline._reporting import write_report
 from slkit.pipeline._scanning import ScanResult, bounds, exporter, make_filters, scan, view, write_cloud
 from slkit.pipeline._simulating import simulate_calibration, simulate_scan
 
 __all__ = [
+    "BOARDS",
     "CalibrationTask",
+    "PAGES",
     "ScanResult",
     "bounds",
     "calibrate",
+    "calibrate_captures",
+    "decode_capture",
     "exporter",
     "load_calibration",
     "load_codec",
@@ -25,6 +39,9 @@ __all__ = [
     "scan",
     "simulate_calibration",
     "simulate_scan",
+    "solve_views",
     "view",
+    "write_board",
     "write_cloud",
+    "write_report",
 ]

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from slkit import registry
-from slkit.data import BoardView, Calibration, Capture
-from slkit.errors import CalibrationError, FileError, InputError, SlkitError
-from slkit.files import CalibrationFolder, Progress, merged, read_calibration, read_image
+from slkit.data import BoardView, Calibration, Capture, Finding, Frames
+from slkit.errors import CalibrationError, DecodeError, FileError, InputError, SlkitError
+from slkit.files import PICTURE_TABLES, CalibrationFolder, Progress, merged, read_calibration, read_image
+from slkit.pipeline._diagnosing import diagnose, diagnosis_table
 from slkit.pipeline._patterns import load_codec
-from slkit.protocols import Calibrator
+from slkit.pipeline._reporting import write_report
+from slkit.protocols import Calibrator, Codec
 
 _FEWEST_VIEWS = 3
 
@@ -24,13 +26,14 @@ class CalibrationTask:
     """A calibrator and what it works on.
 
     dropped: name and reason of each pose whose pictures cannot be used. kinds: for every pose, used or dropped, the
-    tables of calibration.toml it comes from.
+    tables of calibration.toml it comes from. undecoded: the lit pictures of those whose light could not be decoded.
     """
 
     calibrator: Calibrator
     captures: tuple[Capture, ...]
     dropped: tuple[tuple[str, str], ...]
     kinds: Mapping[str, str]
+    undecoded: tuple[Capture, ...] = ()
 
 
 def load_calibration(
@@ -52,15 +55,19 @@ def load_calibration(
     jobs = _picture_jobs(found) + _coded_jobs(found)
     captures: list[Capture] = []
     dropped: list[tuple[str, str]] = []
+    undecoded: list[Capture] = []
     for index, (name, _, load) in enumerate(jobs):
         try:
-            captures.append(load())
+            capture, problem = load()
         except SlkitError as error:
             dropped.append((name, str(error)))
+        else:
+            (undecoded if problem else captures).append(capture)
+            dropped += [(name, problem)] if problem else []
         if progress is not None:
             progress("read", index + 1, len(jobs))
     kinds = {name: kind for name, kind, _ in jobs}
-    return CalibrationTask(calibrator, tuple(captures), tuple(dropped), kinds)
+    return CalibrationTask(calibrator, tuple(captures), tuple(dropped), kinds, tuple(undecoded))
 
 
 def calibrate(
@@ -68,24 +75,106 @@ def calibrate(
     method: str | None = None,
     parameters: Mapping[str, Any] | None = None,
     progress: Progress | None = None,
+    *,
+    select: bool = False,
+    report: str | Path | None = None,
 ) -> Calibration:
-    """Return the calibration of a folder with a calibration.toml.
+    """Return the calibration of a folder with a calibration.toml, with its diagnosis.
 
-    Errors: as `load_calibration`, and CalibrationError where the usable views do not suffice.
+    select: compare distortion sets by the views that they predict, and take the leanest that predicts well.
+    report: a folder for a page with figures. Errors: as `load_calibration`, and CalibrationError where the usable views
+    do not suffice.
     """
     task = load_calibration(folder, method, parameters, progress)
+    calibration = calibrate_captures(task, str(folder), progress)
+    if select:
+        task, calibration = _selected(task, calibration, progress)
+    calibration = diagnose(calibration, task.calibrator, progress)
+    if report is not None:
+        write_report(report, calibration, task.captures, str(folder))
+    return calibration
+
+
+def _selected(
+    task: CalibrationTask, calibration: Calibration, progress: Progress | None
+) -> tuple[CalibrationTask, Calibration]:
+    """Return the calibration with the distortion coefficients that predict left-out views best, and what was compared."""
+    from slkit.calibration._verdict import judged
+    from slkit.calibration.model import Model
+    from slkit.calibration.select import select_distortion
+
+    calibrator: Any = task.calibrator
+    if not isinstance(getattr(calibrator, "model", None), Model):
+        raise InputError(f"--select needs a calibrator with a field `model`, which {calibration.method} has not")
+    tell = None if progress is None else lambda done, total: progress("compare models", done, total)
+    model, candidates = select_distortion(calibration, calibrator.model, tell)
+    chosen = dataclasses.replace(calibrator, model=model)
+    solved = solve_views(chosen, _views_of(calibration))
+    told = [f for f in calibration.verdict.reasons if f not in solved.verdict.reasons and f.view]
+    solved = dataclasses.replace(solved, verdict=judged(solved, told), notes=(*solved.notes, *_comparison(candidates)))
+    return dataclasses.replace(task, calibrator=chosen), solved
+
+
+def _views_of(calibration: Calibration) -> list[BoardView]:
+    """Return the views that a calibration was solved from, and those that were not used with their reasons."""
+    used = [r.view for r in calibration.views if r.view is not None]
+    size = used[0].image_size
+    return [r.view if r.view is not None else BoardView.unusable(r.name, size, r.reason) for r in calibration.views]
+
+
+def _comparison(candidates: Sequence[Any]) -> Iterator[str]:
+    for device in dict.fromkeys(c.device for c in candidates):
+        mine = [c for c in candidates if c.device == device]
+        taken = next(c for c in mine if c.taken)
+        others = ", ".join(f"{_set(c.distortion)} {c.left_out_px:.4f}" for c in mine if not c.taken)
+        yield (
+            f"the {device}'s distortion is {_set(taken.distortion)}: views left out are predicted to "
+            f"{taken.left_out_px:.4f} px, and no leaner set does as well ({others})"
+        )
+
+
+def _set(distortion: Sequence[str]) -> str:
+    return " ".join(distortion) or "none"
+
+
+def calibrate_captures(task: CalibrationTask, where: str, progress: Progress | None = None) -> Calibration:
+    """Return the calibration of captures that are in memory. where: what to call them in messages.
+
+    Errors: CalibrationError where the usable views do not suffice; its `findings` are the mistakes that pictures show.
+    """
+    from slkit.calibration._pictures import picture_findings
+
     if progress is not None:
         progress("find boards", 0, 1)
     views = list(task.calibrator.observe(task.captures))
     size = views[0].image_size if views else (1, 1)
     views += [BoardView.unusable(name, size, reason) for name, reason in task.dropped]
-    _check_views(views, task.kinds, str(folder))
+    findings = picture_findings((*task.captures, *task.undecoded), views, task.calibrator)
+    _check_views(views, task.kinds, where, findings, getattr(task.calibrator, "fewest_views", _FEWEST_VIEWS))
     if progress is not None:
         progress("find boards", 1, 1)
         progress("solve", 0, 1)
-    calibration = task.calibrator.solve(views)
+    calibration = solve_views(task.calibrator, views, findings)
     if progress is not None:
         progress("solve", 1, 1)
+    return calibration
+
+
+def solve_views(calibrator: Calibrator, views: Sequence[BoardView], findings: Sequence[Finding] = ()) -> Calibration:
+    """Return the calibration of board views with its verdict. findings: what the pictures of the views told before.
+
+    Errors: CalibrationError where the views do not suffice, with `findings` that say why.
+    """
+    from slkit.calibration._pictures import orientation_findings
+    from slkit.calibration._verdict import judged
+
+    told = tuple(findings) if findings else tuple(orientation_findings(views))
+    try:
+        calibration = calibrator.solve(views)
+    except CalibrationError as error:
+        told = (*told, *(f for f in error.findings if f.code not in {t.code for t in told}))
+        raise CalibrationError(f"{error}{_told(told)}", told) from error
+    calibration = dataclasses.replace(calibration, verdict=judged(calibration, told))
     if calibration.rig.covariance is None and calibration.covariance is not None:
         rig = dataclasses.replace(calibration.rig, covariance=calibration.covariance)
         return dataclasses.replace(calibration, rig=rig)
@@ -105,6 +194,7 @@ def provenance(calibration: Calibration) -> dict[str, Any]:
         ],
         "verdict": dataclasses.asdict(calibration.verdict),
         "notes": list(calibration.notes),
+        "diagnosis": diagnosis_table(calibration),
     }
 
 
@@ -118,20 +208,44 @@ def rms_table(evidence: Any) -> dict[str, float | None]:
     return {name: float(value) if math.isfinite(value) else None for name, value in values.items()}
 
 
-def _check_views(views: Sequence[BoardView], kinds: Mapping[str, str], folder: str) -> None:
+def _check_views(
+    views: Sequence[BoardView], kinds: Mapping[str, str], where: str, findings: Sequence[Finding], fewest: int
+) -> None:
     """Refuse a set of pictures of which too few can be used, and say what is the matter with the others."""
     for kind in dict.fromkeys(kinds.values()):
         mine = [v for v in views if kinds.get(v.name) == kind]
         usable = sum(v.problem is None for v in mine)
-        if usable < _FEWEST_VIEWS:
+        if usable < fewest:
             problems = "; ".join(f"{v.name}: {v.problem}" for v in mine if v.problem is not None)
             raise CalibrationError(
-                f"{folder}: {usable} of {len(mine)} {kind} views can be used, at least {_FEWEST_VIEWS} are needed: "
+                f"{where}: {usable} of {len(mine)} {kind} views can be used, at least {fewest} are needed: "
                 + (f"take more, or mend these: {problems}" if problems else "take more pictures")
+                + _told(findings),
+                tuple(findings),
             )
 
 
-_Job = tuple[str, str, Callable[[], Capture]]
+def _told(findings: Sequence[Finding]) -> str:
+    """Return what the pictures show as the end of a sentence, each mistake once."""
+    first = {finding.code: finding for finding in reversed(findings)}
+    told = [f"{f.view}: {f.fault} ({f.remedy})" if f.view else f"{f.fault} ({f.remedy})" for f in first.values()]
+    return f". The pictures show: {'; '.join(reversed(told))}" if told else ""
+
+
+def decode_capture(name: str, codec: Codec, frames: Frames) -> tuple[Capture, str]:
+    """Return the capture of one pose under coded light, and why the light could not be decoded, or "".
+
+    Errors: FileError or InputError where the frames are not what the codec needs.
+    """
+    lit = codec.lit(frames)
+    try:
+        return Capture(name, lit=lit, correspondences=codec.decode(frames)), ""
+    except DecodeError as error:
+        return Capture(name, lit=lit), str(error)
+
+
+_Job = tuple[str, str, Callable[[], tuple[Capture, str]]]
+"""Name, kind, and what gives the capture and why its light could not be decoded, or ""."""
 
 
 def _picture_jobs(found: CalibrationFolder) -> list[_Job]:
@@ -150,9 +264,9 @@ def _job(found: CalibrationFolder, paths: Mapping[str, Path]) -> _Job:
     inside = first.relative_to(found.root) if first.is_relative_to(found.root) else first
     name = inside.with_suffix("").as_posix()
 
-    def load() -> Capture:
-        pictures = {key: read_image(path) for key, path in paths.items()}
-        return Capture(name, pictures.get("printed"), pictures.get("marks"), pictures.get("projected"))
+    def load() -> tuple[Capture, str]:
+        pictures = {PICTURE_TABLES[key]: read_image(path) for key, path in paths.items()}
+        return Capture(name, pictures.get("printed"), pictures.get("marks"), pictures.get("projected")), ""
 
     return name, " and ".join(paths), load
 
@@ -162,9 +276,8 @@ def _coded_jobs(found: CalibrationFolder) -> list[_Job]:
     for name, folder in found.coded:
         codec = load_codec(folder.codec, folder.projector, folder.parameters, f"{folder.file}: coded")
 
-        def load(name: str = name, folder: Any = folder, codec: Any = codec) -> Capture:
-            frames = folder.frames(codec.encode().names)
-            return Capture(name, lit=codec.lit(frames), correspondences=codec.decode(frames))
+        def load(name: str = name, folder: Any = folder, codec: Any = codec) -> tuple[Capture, str]:
+            return decode_capture(name, codec, folder.frames(codec.encode().names))
 
         jobs.append((name, "coded", load))
     return jobs

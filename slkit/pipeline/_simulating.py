@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 
 from slkit import registry
-from slkit.data import Frames
 from slkit.errors import InputError
 from slkit.files import (
     Progress,
     make_folder,
+    merged,
     read_mesh,
     write_bytes,
     write_frames,
@@ -25,19 +25,22 @@ from slkit.files import (
     write_text,
     write_toml,
 )
-from slkit.geometry import Pose, Rig
+from slkit.geometry import Rig
 from slkit.pipeline._patterns import load_codec, recipe_codec, write_capture_toml
 from slkit.protocols import Codec
 from slkit.simulation import (
+    CODED,
+    Camera,
     Optics,
     Scene,
+    Session,
     SimulatedScanner,
-    board,
-    board_poses,
-    boards_for,
     build,
+    coded_session,
     fitted_mesh,
     paper_rig,
+    planar_session,
+    with_fault,
     working_distance,
 )
 
@@ -53,27 +56,33 @@ def simulate_calibration(
     optics: Optics | None = None,
     seed: int = 0,
     progress: Progress | None = None,
+    fault: str | None = None,
+    strength: str = "mild",
 ) -> None:
     """Write a calibration folder as `calibrate` reads it, and truth/ with rig.json and poses.json.
 
     rig: default the paper's. codec: None for the planar method (side_a, side_b_white, side_b_pattern), a codec's name
     or recipe for coded light on a printed board (pose0, pose1, ...). Lengths in mm, noise as in `simulation.Optics`.
-    Errors: InputError where no pose is visible; FileError where the folder cannot be written.
+    fault: a mistake of `simulation.FAULTS` that the user makes, `mild` or `strong`; None: none.
+    Errors: InputError where no pose is visible, or for a fault that is not known or cannot befall this method;
+    FileError where the folder cannot be written.
     """
     rig, optics, folder = rig or paper_rig(), optics or Optics(), make_folder(folder)
     if poses < 1:
         raise InputError(f"poses must be at least 1, not {poses}")
-    if codec is None:
-        truth = _planar(folder, rig, poses, optics, seed, progress)
+    rng = np.random.default_rng(seed)
+    name, built = ("", None) if codec is None else _codec(codec, rig, parameters, "both")
+    if built is None:
+        session = planar_session(rig, poses, rng, optics, seed)
     else:
-        name, built = _codec(codec, rig, parameters, "both")
-        truth = _coded(folder, rig, poses, name, built, optics, seed, progress)
+        session = coded_session(rig, poses, built.encode(), rng, optics, seed)
+    if fault is not None:
+        session = with_fault(session, fault, strength, rng)
+    table = _planar_table(session) if built is None else _coded_table(session, name, built)
+    _take(folder, session, progress)
+    write_toml(folder / "calibration.toml", merged(table, session.told), _COMMENT)
     write_rig(folder / "truth" / "rig.json", rig)
-    table = {"pose": "camera_from_board", "units": "mm"} | {
-        name: {"rotation": pose.rotation.tolist(), "translation": pose.translation.tolist()}
-        for name, pose in truth.items()
-    }
-    write_text(folder / "truth" / "poses.json", json.dumps(table, indent=1) + "\n")
+    write_text(folder / "truth" / "poses.json", json.dumps(_poses(session), indent=1) + "\n")
 
 
 def simulate_scan(
@@ -125,61 +134,49 @@ def depth_axis(rig: Rig) -> str:
     return "x" if dx >= dy else "y"
 
 
-def _planar(
-    folder: Path, rig: Rig, poses: int, optics: Optics, seed: int, progress: Progress | None
-) -> dict[str, Pose]:
-    printed, marks, projected = boards_for(rig)
-    rng = np.random.default_rng(seed)
-    side_a = board_poses(rig, printed.extent(), poses, rng)
-    side_b = board_poses(rig, marks.extent(), poses, rng, projected=projected, marks=marks)
-    truth: dict[str, Pose] = {}
-    for i, pose in enumerate(side_a):
-        name = f"side_a/{i:03d}"
-        truth[name] = pose
-        write_png(folder / f"{name}.png", _scanner(board(printed, pose), rig, optics, seed, i).photograph())
-        _tell(progress, i + 1, 2 * poses)
-    width, height = rig.projector.size
-    shown = Frames.of([np.full((height, width), 255, np.uint8), projected.draw((width, height))], ["white", "pattern"])
-    for i, pose in enumerate(side_b):
-        seen = _scanner(board(marks, pose), rig, optics, seed, poses + i).capture(shown)
-        for picture, name in zip(seen, ("side_b_white", "side_b_pattern"), strict=True):
-            truth[f"{name}/{i:03d}"] = pose
-            write_png(folder / name / f"{i:03d}.png", picture)
-        _tell(progress, poses + i + 1, 2 * poses)
-    table = {
-        "method": "planar",
-        "projector": [width, height],
-        "printed": {"images": "side_a/*.png"} | registry.parameters_of(printed),
-        "marks": {"images": "side_b_white/*.png"} | registry.parameters_of(marks),
-        "projected": {"images": "side_b_pattern/*.png"} | registry.parameters_of(projected),
+def _poses(session: Session) -> dict[str, Any]:
+    return {"pose": "camera_from_board", "units": "mm"} | {
+        shot.name: {"rotation": shot.pose.rotation.tolist(), "translation": shot.pose.translation.tolist()}
+        for shot in session.shots
     }
-    write_toml(folder / "calibration.toml", table, _COMMENT)
-    return truth
 
 
-def _coded(
-    folder: Path, rig: Rig, poses: int, name: str, codec: Codec, optics: Optics, seed: int, progress: Progress | None
-) -> dict[str, Pose]:
-    printed = boards_for(rig, lit=True)[0]
-    found = board_poses(rig, printed.extent(), poses, np.random.default_rng(seed), lit=True)
-    names = [f"pose{i}" for i in range(poses)]
-    for i, pose in enumerate(found):
-        write_frames(folder / names[i], _scanner(board(printed, pose), rig, optics, seed, i).capture(codec.encode()))
-        _tell(progress, i + 1, poses)
+def _take(folder: Path, session: Session, progress: Progress | None) -> None:
+    """Render every shot of a session and write its pictures."""
+    camera = Camera(session)
+    for done, shot in enumerate(session.shots):
+        pictures = camera.take(shot)
+        if shot.role == CODED:
+            write_frames(folder / shot.name, pictures)
+        else:
+            write_png(folder / f"{shot.name}.png", pictures[0])
+        if progress is not None:
+            progress("render pictures", done + 1, len(session.shots))
+
+
+def _planar_table(session: Session) -> dict[str, Any]:
+    """Return calibration.toml of a two-sided board."""
+    sides = {"printed": "side_a/*.png", "marks": "side_b_white/*.png", "projected": "side_b_pattern/*.png"}
+    targets = {name: getattr(session, name) for name in sides}
+    return {"method": "planar", "projector": list(session.rig.projector.size)} | {
+        name: {"images": images} | registry.parameters_of(targets[name]) for name, images in sides.items()
+    }
+
+
+def _coded_table(session: Session, name: str, codec: Codec) -> dict[str, Any]:
+    """Return calibration.toml of a codec's light on a printed board."""
     parameters = registry.parameters_of(codec)
-    table = {
+    return {
         "method": "local-homography",
         "projector": parameters.pop("projector"),
-        "printed": registry.parameters_of(printed),
-        "coded": {"poses": names, "codec": name, "parameters": parameters, "frames": "*.png"},
+        "printed": registry.parameters_of(session.printed),
+        "coded": {
+            "poses": [shot.name for shot in session.shots],
+            "codec": name,
+            "parameters": parameters,
+            "frames": "*.png",
+        },
     }
-    write_toml(folder / "calibration.toml", table, _COMMENT)
-    return dict(zip(names, found, strict=True))
-
-
-def _scanner(scene: Scene, rig: Rig, optics: Optics, seed: int, pose: int) -> SimulatedScanner:
-    # Every pose has its own noise, also for the frames that all poses have in common.
-    return SimulatedScanner(scene, rig, optics, 1000 * seed + pose)
 
 
 def _codec(codec: str, rig: Rig, parameters: Mapping[str, Any] | None, axes: str) -> tuple[str, Codec]:
@@ -198,11 +195,6 @@ def _scene(scene: str, rig: Rig) -> Scene:
     if Path(scene).suffix:
         return fitted_mesh(rig, *read_mesh(scene))
     return build(scene, rig)
-
-
-def _tell(progress: Progress | None, done: int, total: int) -> None:
-    if progress is not None:
-        progress("render poses", done, total)
 
 
 def _write_npz(path: Path, **arrays: Any) -> None:

@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from slkit import _open3d
-from slkit.data import Correspondences, PointCloud
+from slkit.data import Correspondences, PointCloud, VolumeMap
 from slkit.errors import InputError
-from slkit.geometry import Pose, Rig, homogeneous
+from slkit.geometry import Pose, Rig, pixel_grid, steeper_axis, working_volume
 from slkit.protocols import Triangulator
 
 Float64s = npt.NDArray[np.float64]
@@ -146,41 +146,77 @@ def volume_error(
     exact, and `triangulate` with the tested rig must bring the point back.
     Errors: InputError where fewer than three points can be compared.
     """
-    found, xyz = _volume(truth, depths_mm, step_px, axis)
-    cloud = triangulate(found, rig)
-    if len(cloud) != len(found):
-        raise InputError("the volume error needs a triangulator that returns one point a row, such as ray_plane")
-    there = cloud.finite
-    if there.sum() < 3:
-        raise InputError("the two rigs share less than three points of the working volume: nothing to compare")
-    points, expected = cloud.xyz[there].astype(np.float64), xyz[there]
+    width, height = truth.camera.size
+    start = step_px // 2
+    camera_xy = np.stack(np.meshgrid(np.arange(start, width, step_px), np.arange(start, height, step_px)), axis=-1)
+    expected, points = _brought_back(rig, truth, triangulate, depths_mm, camera_xy, axis)
+    inside, there = np.isfinite(expected).all(axis=-1), np.isfinite(points).all(axis=-1)
+    points, expected = points[there], expected[there]
     aligned = rigid_alignment(points, expected).apply(points)
     rms, rms_aligned = (_rms(np.linalg.norm(p - expected, axis=1)) for p in (points, aligned))
-    return VolumeError(int(there.sum()), int((~there).sum()), rms, rms_aligned)
+    return VolumeError(len(points), int(inside.sum()) - len(points), rms, rms_aligned)
 
 
-def _volume(truth: Rig, depths_mm: Sequence[float], step_px: int, axis: int) -> tuple[Correspondences, Float64s]:
-    """Return exact one-axis correspondences over the volume, and their points (n, 3) mm."""
-    width, height = truth.camera.size
-    grid = np.stack(np.meshgrid(np.arange(step_px // 2, width, step_px), np.arange(step_px // 2, height, step_px)), -1)
-    camera_xy = grid.reshape(-1, 2)
-    rays = homogeneous(truth.camera.normalize(camera_xy))
-    xyz = (np.asarray(depths_mm, dtype=np.float64)[:, None, None] * rays).reshape(-1, 3)
-    camera_xy = np.tile(camera_xy, (len(depths_mm), 1))
-    projector_xy = truth.to_projector(xyz)
-    inside = ((projector_xy >= -0.5) & (projector_xy <= np.array(truth.projector.size) - 0.5)).all(axis=1)
+def volume_difference(
+    a: Rig,
+    b: Rig,
+    triangulate: Triangulator,
+    depths_mm: Sequence[float],
+    align: bool = True,
+    axis: int | None = None,
+    step_px: float | None = None,
+) -> VolumeMap:
+    """Return how far apart two rigs put the same points, over the working volume of the first.
+
+    Camera pixel and projector coordinate `axis` are exact for rig a, and `triangulate` brings the point back with rig
+    b. align: after the rigid motion that brings all points of the map nearest. axis: 0: column, 1: row, default the one
+    that tells depth better. step_px: of the grid of camera pixels, default a 24th of the longer side.
+    Errors: InputError where fewer than three points can be compared.
+    """
+    camera_xy = pixel_grid(a.camera.size, step_px)
+    chosen = steeper_axis(a, working_volume(a, camera_xy, depths_mm)[0]) if axis is None else axis
+    expected, points = _brought_back(b, a, triangulate, depths_mm, camera_xy, chosen)
+    there = np.isfinite(points).all(axis=-1)
+    motion = rigid_alignment(points[there], expected[there]) if align else Pose(np.eye(3), np.zeros(3))
+    value = np.linalg.norm(motion.apply(points) - expected, axis=-1)
+    return VolumeMap(np.asarray(depths_mm, dtype=np.float64), camera_xy, value)
+
+
+def _brought_back(
+    rig: Rig,
+    truth: Rig,
+    triangulate: Triangulator,
+    depths_mm: Sequence[float],
+    camera_xy: npt.NDArray[np.number[Any]],
+    axis: int,
+) -> tuple[Float64s, Float64s]:
+    """Return the true rig's points (d, r, c, 3) mm over the volume, and those that another rig makes of their pixels.
+
+    NaN where the projector of the true rig does not reach, or where the other rig finds no point.
+    """
+    expected, projector_xy = working_volume(truth, camera_xy, depths_mm)
+    inside = np.isfinite(expected).all(axis=-1)
     coded = projector_xy[inside]
     coded[:, 1 - axis] = np.nan
     rows = len(coded)
-    single = np.float32
-    found = Correspondences(
-        camera_xy[inside].astype(single),
-        coded.astype(single),
-        np.full((rows, 2), np.nan, single),
-        np.ones(rows, single),
-        np.ones((rows, 3), single),
+    pixels = np.broadcast_to(camera_xy, (*inside.shape, 2))[inside]
+    cloud = triangulate(
+        Correspondences(
+            pixels.astype(np.float32),
+            coded.astype(np.float32),
+            np.full((rows, 2), np.nan, np.float32),
+            np.ones(rows, np.float32),
+            np.ones((rows, 3), np.float32),
+        ),
+        rig,
     )
-    return found, xyz[inside]
+    if len(cloud) != rows:
+        raise InputError("rigs are compared by a triangulator that returns one point a row, such as ray_plane")
+    points = np.full(expected.shape, np.nan)
+    points[inside] = cloud.xyz
+    if cloud.finite.sum() < 3:
+        raise InputError("the two rigs share less than three points of the working volume: nothing to compare")
+    return expected, points
 
 
 def _at_pixels(camera_xy: npt.NDArray[np.float32], pixels: npt.NDArray[np.integer[Any]]) -> npt.NDArray[np.bool_]:

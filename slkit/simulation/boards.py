@@ -30,18 +30,25 @@ def boards_for(rig: Rig, lit: bool = False) -> tuple[Checkerboard, CornerMarks, 
     width, height = rig.camera.size
     focal_x, focal_y = rig.camera.K[0, 0], rig.camera.K[1, 1]
     view = np.array([width / focal_x, height / focal_y]) * distance
-    pattern, span = _pattern(rig, distance, view)
-    # Ten camera px, unless the marks would come too near the projected corners.
-    squares = span / (np.array(pattern.corners) + 1)
-    cell = _round(min(10 * distance / min(focal_x, focal_y), 0.5 * float(squares.min())))
-    half = np.maximum(1.16 * span / 2 - 3 * cell, 4 * cell)
-    x, y = (_round(float(v)) for v in half)
-    marks = CornerMarks(((-x, -y), (x, -y), (x, y), (-x, y)), cell)
+    pattern = _pattern(rig, distance, view)
+    marks = marks_for(rig, pattern)
     # 13 x 10 squares with the margin: about six tenths of what the camera sees.
     square = 0.62 * float(min(view / [13, 10]))
     if lit:
         square = min(square, 1.2 * working_volume(rig)[1] / float(np.hypot(6.5, 5)))
     return Checkerboard((10, 7), _round(square)), marks, pattern
+
+
+def marks_for(rig: Rig, pattern: ProjectedCheckerboard) -> CornerMarks:
+    """Return side B for a projected pattern: its marks lie at the pattern's corners at the working distance."""
+    distance = working_distance(rig)
+    span = _span(rig, distance, pattern)
+    # Ten camera px, unless the marks would come too near the projected corners.
+    squares = span / (np.array(pattern.corners) + 1)
+    cell = _round(min(10 * distance / min(rig.camera.K[0, 0], rig.camera.K[1, 1]), 0.5 * float(squares.min())))
+    half = np.maximum(1.16 * span / 2 - 3 * cell, 4 * cell)
+    x, y = (_round(float(v)) for v in half)
+    return CornerMarks(((-x, -y), (x, -y), (x, y), (-x, y)), cell)
 
 
 def projected_outline(pattern: ProjectedCheckerboard, squares: float = 1.0) -> Doubles:
@@ -60,39 +67,45 @@ def board_poses(
     projected: ProjectedCheckerboard | None = None,
     marks: CornerMarks | None = None,
     tilt_deg: tuple[float, float] = (5.0, 38.0),
+    depths: tuple[float, float] = _DEPTHS,
+    rotation: Callable[[], Doubles] | None = None,
+    accept: Callable[[Pose], bool] | None = None,
 ) -> tuple[Pose, ...]:
     """Return random poses camera_from_board of a sheet that the camera sees whole.
 
     extent: x min, y min, x max, y max in mm. lit: the projector's image covers it too. projected: that pattern, every
     outer square included, falls on the sheet; then marks stay clear of its corners and off the border of the
-    projector's light. tilt_deg: smallest and largest angle between the sheet and the camera's image.
+    projector's light. tilt_deg: smallest and largest angle between the sheet and the camera's image. depths: nearest
+    and farthest, in working distances. rotation: draws (3, 3) instead. accept: whether a pose will do.
     Errors: InputError where so many random draws find none.
     """
     middle, radius = working_volume(rig)
 
     def draw() -> Pose | None:
-        rotation = _rotation(rng, tilt_deg)
-        depth = middle[2] * rng.uniform(*_DEPTHS)
+        turn = _rotation(rng, tilt_deg) if rotation is None else rotation()
+        depth = middle[2] * rng.uniform(*depths)
         if projected is not None:
-            return _under_pattern(rig, extent, rotation, middle * depth / middle[2], projected, marks, rng)
+            return _under_pattern(rig, extent, turn, middle * depth / middle[2], projected, marks, rng)
         if lit:
             place = middle + np.append(rng.uniform(-0.6, 0.6, 2), 0) * radius
         else:
             pixel = rng.uniform(0.15, 0.85, 2) * rig.camera.size
             place = homogeneous(rig.camera.normalize(pixel))
-        pose = _placed(extent, rotation, place * depth / place[2])
+        pose = _placed(extent, turn, place * depth / place[2])
         return pose if _visible(rig, extent, pose, lit) else None
 
-    return _accepted(draw, count, extent)
+    return _accepted(draw, accept or (lambda pose: True), count, extent)
 
 
-def _accepted(draw: Callable[[], Pose | None], count: int, extent: Extent) -> tuple[Pose, ...]:
+def _accepted(
+    draw: Callable[[], Pose | None], accept: Callable[[Pose], bool], count: int, extent: Extent
+) -> tuple[Pose, ...]:
     poses: list[Pose] = []
     for _ in range(_DRAWS_PER_POSE * count):
         if len(poses) == count:
             break
         pose = draw()
-        if pose is not None:
+        if pose is not None and accept(pose):
             poses.append(pose)
     if len(poses) < count:
         size = f"{extent[2] - extent[0]:.0f} x {extent[3] - extent[1]:.0f} mm"
@@ -103,13 +116,18 @@ def _accepted(draw: Callable[[], Pose | None], count: int, extent: Extent) -> tu
     return tuple(poses)
 
 
-def _pattern(rig: Rig, distance: float, view: Doubles) -> tuple[ProjectedCheckerboard, Doubles]:
-    """Return the pattern and its width and height (2,) in mm on a plane at the working distance."""
-    pattern = ProjectedCheckerboard.for_projector(rig.projector.size)
+def _span(rig: Rig, distance: float, pattern: ProjectedCheckerboard) -> Doubles:
+    """Return the width and height (2,) in mm of a pattern on a plane at a distance."""
     plane = Pose(np.eye(3), np.array([0, 0, distance]))
-    span = np.ptp(_on_board(rig, plane, projected_outline(pattern)), axis=0)
+    return np.ptp(_on_board(rig, plane, projected_outline(pattern)), axis=0)
+
+
+def _pattern(rig: Rig, distance: float, view: Doubles) -> ProjectedCheckerboard:
+    """Return slkit's own pattern, or a smaller one where the camera would not see all of it."""
+    pattern = ProjectedCheckerboard.for_projector(rig.projector.size)
+    span = _span(rig, distance, pattern)
     if (span <= 0.8 * view).all():
-        return pattern, span
+        return pattern
     shrink = float(np.min(0.68 * view / span))
     squares = np.array(pattern.corners) + 1
     step = float(max(np.floor(pattern.step_px * shrink), 8))
@@ -117,8 +135,7 @@ def _pattern(rig: Rig, distance: float, view: Doubles) -> tuple[ProjectedChecker
     middle = rig.to_projector(working_volume(rig)[0])
     first = np.clip(np.rint(middle - squares * step / 2), 0, size - squares * step)
     corner = (float(first[0] + step - 0.5), float(first[1] + step - 0.5))
-    pattern = ProjectedCheckerboard(pattern.corners, corner, step)
-    return pattern, np.ptp(_on_board(rig, plane, projected_outline(pattern)), axis=0)
+    return ProjectedCheckerboard(pattern.corners, corner, step)
 
 
 def _under_pattern(

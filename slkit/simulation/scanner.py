@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -105,6 +105,13 @@ class SimulatedScanner:
     def photograph(self, name: str = "photograph") -> Image:
         """Return a picture with the projector off and room light as strong as its white."""
         return self._expose(self.optics.white_level * self._field.albedo, 0, name)
+
+    def under(self, optics: Optics, seed: int) -> SimulatedScanner:
+        """Return the same scene and rig with other optics and noise; rays are not traced again."""
+        other = replace(self, optics=optics, seed=seed)
+        if optics.samples == self.optics.samples:
+            other.__dict__["_tracer"], other.__dict__["_field"] = self._tracer, self._field
+        return other
 
     def truth(self) -> Truth:
         """Return what the centre ray of every pixel meets."""

@@ -118,14 +118,39 @@ def fitted_mesh(rig: Rig, vertices: Floats, faces: npt.NDArray[np.integer]) -> S
     return from_mesh((points - middle) * (radius / size) + center, faces)
 
 
-def board(target: Target, camera_from_board: Pose, margin_mm: float = 0.0) -> Scene:
+Bend = tuple[float, float]
+"""How far a sheet is from flat: sagitta in mm, towards the camera where negative, and the direction across the bend in
+degrees from the board's x."""
+
+_FACETS = 48
+
+
+def board(target: Target, camera_from_board: Pose, margin_mm: float = 0.0, bend: Bend = (0.0, 0.0)) -> Scene:
     """Return a sheet with a printed target: side A (Checkerboard) or side B (CornerMarks).
 
     The sheet reaches margin_mm of blank paper beyond target.extent() on every side.
     """
     x0, y0, x1, y1 = target.extent()
     corners = (x0 - margin_mm, y0 - margin_mm, x1 + margin_mm, y1 + margin_mm)
-    return Scene((Surface(*_rectangle(camera_from_board, corners), Print(target, camera_from_board)),))
+    printed = Print(target, camera_from_board)
+    if bend[0] == 0:
+        return Scene((Surface(*_rectangle(camera_from_board, corners), printed),))
+    axes = (np.linspace(low, high, _FACETS + 1) for low, high in zip(corners[:2], corners[2:], strict=True))
+    xy = np.stack(np.meshgrid(*axes), axis=-1)
+    xyz = np.concatenate([xy, bent_mm(xy, target.extent(), bend)[..., None]], axis=-1)
+    return Scene((_net(camera_from_board.apply(xyz), printed),))
+
+
+def bent_mm(board_xy: Floats, extent: tuple[float, float, float, float], bend: Bend) -> Floats:
+    """Return the board's z (...) in mm at places (..., 2) mm of a sheet bent to a parabolic cylinder.
+
+    extent: x min, y min, x max, y max of the sheet. z is 0 along the middle and the sagitta at the sheet's edges.
+    """
+    angle = np.radians(bend[1])
+    across = np.array([np.cos(angle), np.sin(angle)])
+    half = np.abs(across) @ [(extent[2] - extent[0]) / 2, (extent[3] - extent[1]) / 2]
+    middle = [(extent[0] + extent[2]) / 2, (extent[1] + extent[3]) / 2]
+    return bend[0] * ((board_xy - middle) @ across / half) ** 2
 
 
 def _plane_for(rig: Rig) -> Scene:
@@ -194,6 +219,6 @@ def _bar(start: Floats, end: Floats, radius_mm: float, albedo: npt.ArrayLike) ->
     return _net(np.stack([start + ring, end + ring]), albedo)
 
 
-def _net(points: Floats, albedo: npt.ArrayLike) -> Surface:
+def _net(points: Floats, albedo: npt.ArrayLike | Print) -> Surface:
     """Return a net of points (r, c, 3) as triangles."""
     return Surface(points.reshape(-1, 3), net_faces(*points.shape[:2]), albedo)

@@ -11,8 +11,17 @@ from slkit.triangulation.filters import Filters
 from slkit.triangulation.normals import with_normals
 from slkit.triangulation.ray_plane import ray_plane
 from slkit.triangulation.two_rays import two_rays
+from slkit.triangulation.uncertainty import point_covariance, uncertainty_map
 
-__all__ = ["Filters", "ray_plane", "triangulate", "two_rays", "with_normals"]
+__all__ = [
+    "Filters",
+    "point_covariance",
+    "ray_plane",
+    "triangulate",
+    "two_rays",
+    "uncertainty_map",
+    "with_normals",
+]
 
 
 def triangulate(correspondences: Correspondences, rig: Rig) -> PointCloud:
@@ -33,5 +42,5 @@ def _merge(first: npt.NDArray[np.bool_], a: PointCloud, b: PointCloud) -> PointC
     order = np.empty(len(first), dtype=np.intp)
     order[first] = np.arange(len(a))
     order[~first] = len(a) + np.arange(len(b))
-    names = ("xyz", "color", "sigma_mm", "residual_px", "camera_xy")
-    return PointCloud(*(np.concatenate([getattr(a, n), getattr(b, n)])[order] for n in names))
+    names = ("xyz", "color", "sigma_mm", "residual_px", "camera_xy", "sigma_cal_mm")
+    return PointCloud(**{n: np.concatenate([getattr(a, n), getattr(b, n)])[order] for n in names})

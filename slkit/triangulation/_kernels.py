@@ -150,9 +150,9 @@ def _inverse_depth(
 @_compiled
 def _best_axis(
     x: float, y: float, px: Doubles, sigma: Doubles, pose: Doubles, lens: Doubles, jacobian: Doubles
-) -> tuple[float, float, float]:
-    """Return w, the mm of depth uncertainty along the ray, and the other axis' error, from the better coded axis."""
-    best_w, best_sigma, best_error, best_cost = math.nan, math.nan, math.nan, math.inf
+) -> tuple[float, float, float, int]:
+    """Return w, the mm of depth uncertainty along the ray, the other axis' error, and the better coded axis."""
+    best_w, best_sigma, best_error, best_cost, best = math.nan, math.nan, math.nan, math.inf, 0
     known = math.isfinite(sigma[0]) and math.isfinite(sigma[1])
     for axis in range(2):
         if not math.isfinite(px[axis]):
@@ -161,10 +161,73 @@ def _best_axis(
         per_px = math.sqrt(x * x + y * y + 1.0) / (abs(slope) * w * w)
         cost = per_px * max(sigma[axis], _SMALLEST_SIGMA_PX) if known else per_px
         if cost < best_cost:
-            best_w, best_cost = w, cost
+            best_w, best_cost, best = w, cost, axis
             best_sigma = per_px * sigma[axis]
             best_error = abs(other - px[1 - axis])
-    return best_w, best_sigma, best_error
+    return best_w, best_sigma, best_error, best
+
+
+@_compiled
+def _over_lens(x: float, y: float, lens: Doubles, along: Doubles, gradient: Doubles) -> None:
+    """Write along . d(u, v) / d lens (10,) to gradient, in the order of geometry.LENS_NAMES."""
+    dx, dy, _, _, _ = _distort(x, y, lens)
+    over_dx = along[0] * lens[0]
+    over_dy = along[0] * lens[1] + along[1] * lens[3]
+    r2, radial = x * x + y * y, over_dx * x + over_dy * y
+    gradient[0], gradient[1], gradient[4] = along[0] * dx, along[1] * dy, along[0] * dy
+    gradient[2], gradient[3] = along[0], along[1]
+    gradient[5], gradient[6], gradient[9] = radial * r2, radial * r2**2, radial * r2**3
+    gradient[7] = over_dx * 2.0 * x * y + over_dy * (r2 + 2.0 * y * y)
+    gradient[8] = over_dx * (r2 + 2.0 * x * x) + over_dy * 2.0 * x * y
+
+
+@_compiled
+def _calibration_sigma(
+    theta: Doubles, along: Doubles, camera: Doubles, lens: Doubles, pose: Doubles, covariance: Doubles, slopes: Doubles
+) -> float:
+    """Return 1 sigma in mm along the ray from the covariance (26, 26) of the rig; NaN where that is empty.
+
+    along (4,): mm along the ray a px of u, v, x, y. The parameters are those of uncertainty.RIG_NAMES.
+    """
+    if covariance.shape[0] == 0:
+        return math.nan
+    x, y, w = theta
+    _over_lens(x, y, camera, along[:2], slopes[:10])
+    tx = (pose[0] * x + pose[1] * y + pose[2]) / w
+    ty = (pose[3] * x + pose[4] * y + pose[5]) / w
+    tz = (pose[6] * x + pose[7] * y + pose[8]) / w
+    z = tz + pose[11]
+    nx, ny = (tx + pose[9]) / z, (ty + pose[10]) / z
+    _over_lens(nx, ny, lens, along[2:], slopes[10:20])
+    _, _, ux, uy, vx, vy = _pixel(nx, ny, lens)
+    fx, fy = (along[2] * ux + along[3] * vx) / z, (along[2] * uy + along[3] * vy) / z
+    fz = -(fx * nx + fy * ny)
+    slopes[20], slopes[21], slopes[22] = ty * fz - tz * fy, tz * fx - tx * fz, tx * fy - ty * fx
+    slopes[23], slopes[24], slopes[25] = fx, fy, fz
+    total = 0.0
+    for a in range(26):
+        partial = 0.0
+        for b in range(a):
+            partial += covariance[a, b] * slopes[b]
+        total += slopes[a] * (2.0 * partial + covariance[a, a] * slopes[a])
+    return 0.0 if total < 0.0 else math.sqrt(total)
+
+
+@_compiled
+def _along_the_ray(
+    theta: Doubles, axis: int, camera: Doubles, lens: Doubles, pose: Doubles, jacobian: Doubles, out: Doubles
+) -> None:
+    """Write mm along the ray a px of u, v, x, y (4,) of the point that camera pixel and one projector axis give."""
+    x, y, w = theta
+    _seen(x, y, w, pose, lens, jacobian)
+    _, _, ux, uy, vx, vy = _pixel(x, y, camera)
+    length = math.sqrt(x * x + y * y + 1.0)
+    out[3 - axis] = 0.0
+    out[2 + axis] = -length / (w * w * jacobian[axis, 2])
+    a = x / (w * length) - out[2 + axis] * jacobian[axis, 0]
+    b = y / (w * length) - out[2 + axis] * jacobian[axis, 1]
+    determinant = ux * vy - uy * vx
+    out[0], out[1] = (a * vy - b * vx) / determinant, (b * ux - a * uy) / determinant
 
 
 @_compiled
@@ -175,19 +238,24 @@ def ray_plane_rows(
     camera: Doubles,
     projector: Doubles,
     pose: Doubles,
+    covariance: Doubles,
     xyz: Singles,
     sigma_mm: Singles,
     residual_px: Singles,
+    sigma_cal_mm: Singles,
 ) -> None:
     """Write the ray-plane point of every row."""
-    jacobian = np.empty((2, 3))
+    jacobian, theta, along, slopes = np.empty((2, 3)), np.empty(3), np.empty(4), np.empty(26)
     px, deviation = np.empty(2), np.empty(2)
     for i in range(camera_xy.shape[0]):
         px[0], px[1] = projector_xy[i, 0], projector_xy[i, 1]
         deviation[0], deviation[1] = sigma[i, 0], sigma[i, 1]
         x, y = _normalize(float(camera_xy[i, 0]), float(camera_xy[i, 1]), camera)
-        w, sigma_mm[i], residual_px[i] = _best_axis(x, y, px, deviation, pose, projector, jacobian)
+        w, sigma_mm[i], residual_px[i], axis = _best_axis(x, y, px, deviation, pose, projector, jacobian)
         xyz[i, 0], xyz[i, 1], xyz[i, 2] = x / w, y / w, 1.0 / w
+        theta[0], theta[1], theta[2] = x, y, w
+        _along_the_ray(theta, axis, camera, projector, pose, jacobian, along)
+        sigma_cal_mm[i] = _calibration_sigma(theta, along, camera, projector, pose, covariance, slopes)
 
 
 @_compiled
@@ -294,17 +362,19 @@ def two_rays_rows(
     camera: Doubles,
     projector: Doubles,
     pose: Doubles,
+    covariance: Doubles,
     xyz: Singles,
     sigma_mm: Singles,
     residual_px: Singles,
+    sigma_cal_mm: Singles,
 ) -> None:
     """Write the reprojection-optimal point of every row that has both axes."""
     jacobian, m, r, step = np.empty((4, 3)), np.empty((3, 3)), np.empty(3), np.empty(3)
     theta, seen, weight, deviation = np.empty(3), np.empty(4), np.empty(4), np.empty(2)
+    along, slopes = np.empty(4), np.empty(26)
     for i in range(camera_xy.shape[0]):
         xyz[i, :] = math.nan
-        sigma_mm[i] = math.nan
-        residual_px[i] = math.nan
+        sigma_mm[i] = sigma_cal_mm[i] = residual_px[i] = math.nan
         seen[0], seen[1] = camera_xy[i, 0], camera_xy[i, 1]
         seen[2], seen[3] = projector_xy[i, 0], projector_xy[i, 1]
         deviation[0], deviation[1] = sigma[i, 0], sigma[i, 1]
@@ -321,5 +391,10 @@ def two_rays_rows(
         residual_px[i] = math.sqrt(square)
         length = math.sqrt(x * x + y * y + 1.0)
         r[0], r[1], r[2] = x / (w * length), y / (w * length), -length / (w * w)
-        if known and _solve3(m, r, step):
+        if not _solve3(m, r, step):
+            continue
+        if known:
             sigma_mm[i] = math.sqrt(r[0] * step[0] + r[1] * step[1] + r[2] * step[2])
+        for k in range(4):
+            along[k] = weight[k] * (jacobian[k, 0] * step[0] + jacobian[k, 1] * step[1] + jacobian[k, 2] * step[2])
+        sigma_cal_mm[i] = _calibration_sigma(theta, along, camera, projector, pose, covariance, slopes)

@@ -11,8 +11,9 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import numpy.typing as npt
 
-from slkit.data import Correspondences
+from slkit.data import Correspondences, PointCloud
 from slkit.geometry import Pinhole, Pose, Rig
+from slkit.triangulation.uncertainty import rig_covariance
 
 Singles = npt.NDArray[np.float32]
 Doubles = npt.NDArray[np.float64]
@@ -20,8 +21,11 @@ Doubles = npt.NDArray[np.float64]
 _SMALLEST_SLICE = 20_000
 
 
-def run(kernel: Callable[..., None], found: Correspondences, rig: Rig) -> tuple[Singles, ...]:
-    """Return xyz (m, 3), sigma_mm (m,) and residual_px (m,), float32, of a kernel run in slices on all cores."""
+def run(kernel: Callable[..., None], found: Correspondences, rig: Rig) -> PointCloud:
+    """Return the points of a kernel run in slices on all cores, one a row.
+
+    Errors: InputError where names and matrix of the rig's covariance do not fit together.
+    """
     from numba.core import config
 
     rows = len(found)
@@ -29,8 +33,14 @@ def run(kernel: Callable[..., None], found: Correspondences, rig: Rig) -> tuple[
         np.require(a, np.float32, ["C_CONTIGUOUS", "WRITEABLE"])
         for a in (found.camera_xy, found.projector_xy, found.sigma)
     ]
-    results = (np.empty((rows, 3), np.float32), np.empty(rows, np.float32), np.empty(rows, np.float32))
-    fixed = (_lens(rig.camera), _lens(rig.projector), _pose(rig.projector_from_camera))
+    results = (np.empty((rows, 3), np.float32), *(np.empty(rows, np.float32) for _ in range(3)))
+    covariance = rig_covariance(rig)
+    fixed = (
+        _lens(rig.camera),
+        _lens(rig.projector),
+        _pose(rig.projector_from_camera),
+        np.empty((0, 0)) if covariance is None else covariance,
+    )
     threads = int(getattr(config, "NUMBA_NUM_THREADS"))  # noqa: B009 - numba sets it where no checker sees it
     cuts = np.linspace(0, rows, min(threads, rows // _SMALLEST_SLICE + 1) + 1).astype(int)
 
@@ -43,7 +53,9 @@ def run(kernel: Callable[..., None], found: Correspondences, rig: Rig) -> tuple[
     else:
         with ThreadPoolExecutor(len(parts)) as pool:
             list(pool.map(work, parts))
-    return results
+    xyz, decoding, residual_px, calibration = results
+    whole = np.where(np.isnan(calibration), decoding, np.hypot(decoding, calibration))
+    return PointCloud(xyz, found.color, whole, residual_px, found.camera_xy, sigma_cal_mm=calibration)
 
 
 def _lens(device: Pinhole) -> Doubles:

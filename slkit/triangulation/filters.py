@@ -22,8 +22,9 @@ class Filters:
 
     residual: residual_px at most residual_factor standard deviations, estimated as the cloud's median / 0.6745. Points
     without a residual (one coded axis) pass.
-    sigma: sigma_mm at most sigma_factor times the cloud's median; points without a sigma pass. Ten lets a Gray pixel
-    pass that is known to four cells only, on a surface seen at a grazing angle.
+    sigma: sigma_decoding_mm at most sigma_factor times the cloud's median; points without a sigma pass. Ten lets a
+    Gray pixel pass that is known to four cells only, on a surface seen at a grazing angle. The calibration's share is
+    common to neighbours and would hide the difference between a good point and a bad one.
     depth: z inside the range given to `apply`; passes everything without one.
     isolated: the distance to the tenth neighbour at most isolated_factor times the median of the same distance among
     those ten neighbours, and, as an angle seen from the camera, at most remote_factor times the cloud's median. The
@@ -74,7 +75,8 @@ class Filters:
             limit = self.residual_factor / _MEDIAN_OF_HALF_NORMAL * _median(cloud.residual_px)
             return ~(cloud.residual_px > max(limit, _SMALLEST_RESIDUAL_PX))
         if name == "sigma":
-            return ~(cloud.sigma_mm > self.sigma_factor * _median(cloud.sigma_mm))
+            sigma_mm = cloud.sigma_decoding_mm
+            return ~(sigma_mm > self.sigma_factor * _median(sigma_mm))
         return self._in_company(cloud.xyz)
 
     def _in_company(self, xyz: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:

@@ -12,14 +12,15 @@ def ray_plane(correspondences: Correspondences, rig: Rig) -> PointCloud:
 
     One point a row, in the camera frame in mm; NaN where the code is silent, where the equation has no solution in
     front of both lenses and within a tenth of the projector image, or where a lens model has no inverse. Where both
-    axes are coded, the one that gives the smaller sigma_mm is used, and residual_px is by how many px the point misses
-    the other one; with one axis residual_px is NaN. sigma_mm = sigma / |d x_p / d z| * |(x, y, 1)|: 1 sigma along the
-    viewing ray, NaN where sigma is; without sigmas the steeper axis is used.
+    axes are coded, the one that gives the smaller sigma_decoding_mm is used, and residual_px is by how many px the
+    point misses the other one; with one axis residual_px is NaN. sigma_decoding_mm = sigma / |d x_p / d z| *
+    |(x, y, 1)|: 1 sigma along the viewing ray, NaN where sigma is; without sigmas the steeper axis is used.
+    sigma_cal_mm: what the covariance of the rig adds, camera pixel and projector coordinate held.
+    Errors: InputError where names and matrix of that covariance do not fit together.
 
     Source: the scalar equation proj(R z m + T) = x_p, solved by Newton's method on 1 / z with analytic derivatives,
     started where the distortion-free plane of light is.
     """
     from slkit.triangulation import _kernels
 
-    xyz, sigma_mm, residual_px = run(_kernels.ray_plane_rows, correspondences, rig)
-    return PointCloud(xyz, correspondences.color, sigma_mm, residual_px, correspondences.camera_xy)
+    return run(_kernels.ray_plane_rows, correspondences, rig)

@@ -14,13 +14,14 @@ def two_rays(correspondences: Correspondences, rig: Rig) -> PointCloud:
     was found. A sigma holds the camera's share already, so the variance is divided: the camera gets half of the
     smaller angular variance of the two axes, sigma / focal length, and each axis keeps the rest. Sigmas below 0.001 px
     count as 0.001 px; rows without sigmas weigh all four residuals by the same angle and have a sigma_mm of NaN.
-    residual_px = sqrt(du^2 + dv^2 + dx^2 + dy^2), unweighted, in px of either device. sigma_mm: 1 sigma along the
-    viewing ray, from (J^T W J)^-1.
+    residual_px = sqrt(du^2 + dv^2 + dx^2 + dy^2), unweighted, in px of either device.
+    sigma_decoding_mm: 1 sigma along the viewing ray, from (J^T W J)^-1. sigma_cal_mm: what the covariance of the rig
+    adds, from the derivative of the least-squares point where its residual is small.
+    Errors: InputError where names and matrix of that covariance do not fit together.
 
     Source: Hartley and Sturm (1997), the optimal triangulation criterion; minimised by Gauss-Newton over direction
     and inverse depth, started from the ray-plane point of the better axis.
     """
     from slkit.triangulation import _kernels
 
-    xyz, sigma_mm, residual_px = run(_kernels.two_rays_rows, correspondences, rig)
-    return PointCloud(xyz, correspondences.color, sigma_mm, residual_px, correspondences.camera_xy)
+    return run(_kernels.two_rays_rows, correspondences, rig)

@@ -3,7 +3,9 @@ import numpy as np
 import pytest
 
 from slkit.calibration.marks import find_marks
-from slkit.targets import CornerMarks
+from slkit.targets import BorderMarks, CornerMarks
+
+from .pictures import mapped, seen, tilted
 
 BOARD = CornerMarks(((-180, -120), (180, -120), (180, 120), (-180, 120)), 11.0)
 SIZE = (900, 700)
@@ -47,7 +49,7 @@ def test_marks_are_found_in_their_order(seed, clutter):
     found = find_marks(picture(homography, rng, clutter=clutter), BOARD)
     expected = cv2.perspectiveTransform(BOARD.points()[None], homography)[0]
     assert found is not None
-    assert np.abs(found - expected).max() < 0.3
+    assert np.abs(found - expected).max() < 0.05
 
 
 def test_marks_outside_the_projected_light_are_found():
@@ -59,7 +61,7 @@ def test_marks_outside_the_projected_light_are_found():
     found = find_marks(bright, BOARD)
     expected = cv2.perspectiveTransform(BOARD.points()[None], homography)[0]
     assert found is not None
-    assert np.abs(found - expected).max() < 0.6
+    assert np.abs(found - expected).max() < 0.1
 
 
 def test_more_than_four_marks_follow_the_first_four():
@@ -69,7 +71,7 @@ def test_more_than_four_marks_follow_the_first_four():
     found = find_marks(picture(homography, rng, target=target), target)
     expected = cv2.perspectiveTransform(target.points()[None], homography)[0]
     assert found is not None
-    assert np.abs(found - expected).max() < 0.3
+    assert np.abs(found - expected).max() < 0.05
 
 
 def test_a_hidden_mark_or_a_mirrored_picture_is_not_taken():
@@ -82,3 +84,24 @@ def test_a_hidden_mark_or_a_mirrored_picture_is_not_taken():
     assert find_marks(hidden, BOARD) is None
     assert find_marks(np.ascontiguousarray(seen[:, ::-1]), BOARD) is None
     assert find_marks(np.zeros((300, 400), np.uint8), BOARD) is None
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("target", [BOARD, BorderMarks((370.0, 250.0), 9.0)], ids=["corners", "border"])
+def test_marks_are_found_on_a_board_tilted_by_40_degrees(target, seed):
+    rng = np.random.default_rng(seed)
+    homography = tilted(target, rng, 40.0)
+    found = find_marks(seen(target, homography, rng), target)
+    assert found is not None
+    away = np.linalg.norm(found - mapped(homography, target.points()), axis=1)
+    assert np.sqrt((away**2).mean()) < 0.02
+
+
+def test_a_hidden_border_mark_is_not_made_up():
+    target = BorderMarks((370.0, 250.0), 9.0)
+    rng = np.random.default_rng(1)
+    homography = tilted(target, rng, 20.0)
+    picture_ = seen(target, homography, rng)
+    x, y = mapped(homography, target.points())[5].astype(int)
+    picture_[y - 30 : y + 30, x - 30 : x + 30] = 150
+    assert find_marks(picture_, target) is None

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from slkit import pipeline
+from slkit.export import read_ply
 from slkit.files import read_image, write_png, write_rig
 from slkit.geometry import Rig
 from slkit.registry import names
@@ -36,18 +37,40 @@ def refused(slkit, tmp_path: Path, *arguments: object) -> str:
 def test_json(slkit, folder: Path, rig_file: Path, tmp_path: Path):
     cloud = tmp_path / "cloud.ply"
     table = slkit("scan", folder, "--rig", rig_file, "-o", cloud, "--json").json
-    assert set(table) == {"points", "seconds", "sigma_mm", "cloud"}
+    assert set(table) == {"points", "seconds", "sigma_mm", "sigma_decoding_mm", "sigma_cal_mm", "cloud"}
     assert set(table["seconds"]) == {"read", "decode", "triangulate", "write"}
     assert 0 < table["sigma_mm"]["median"] <= table["sigma_mm"]["p95"]
+    assert table["sigma_decoding_mm"] == table["sigma_mm"]
+    assert table["sigma_cal_mm"] == {"median": None, "p95": None}
     assert table["cloud"] == str(cloud)
     assert f"element vertex {table['points']}\n".encode() in cloud.read_bytes()[:400]
+
+
+def test_the_calibrations_share(slkit, folder: Path, small_rig: Rig, tmp_path: Path):
+    covariance = {"parameters": ["projector_from_camera.tx", "camera.fx"], "matrix": np.diag([1.0, 0.01])}
+    write_rig(tmp_path / "rig.json", replace(small_rig, covariance=covariance))
+    command = ("scan", folder, "--rig", tmp_path / "rig.json", "-o", tmp_path / "c.ply")
+    table = slkit(*command, "--json").json
+    cloud = read_ply((tmp_path / "c.ply").read_bytes())
+    whole, decoding, share = (np.median(v) for v in (cloud.sigma_mm, cloud.sigma_decoding_mm, cloud.sigma_cal_mm))
+    medians = [table[n]["median"] for n in ("sigma_mm", "sigma_decoding_mm", "sigma_cal_mm")]
+    np.testing.assert_allclose(medians, [whole, decoding, share], rtol=1e-3)
+    assert 0 < share < whole and 0 < decoding < whole
+    assert f"from decoding: median {decoding:.3f} mm, from calibration: median {share:.3f} mm" in slkit(*command).out
 
 
 def test_text_and_options(slkit, folder: Path, rig_file: Path, tmp_path: Path):
     options = ["--normals", "--no-filter", "sigma", "--no-filter", "isolated", "--depth", "100", "5000"]
     outcome = slkit("scan", folder, "--rig", rig_file, "-o", tmp_path / "c.ply", "--set", "robust=true", *options)
     assert outcome.code == 0 and outcome.err == ""
-    for word in ("points: ", "removed by filter: ", "residual 0", "sigma along the ray: median", "seconds: read"):
+    for word in (
+        "points: ",
+        "removed by filter: ",
+        "residual 0",
+        "sigma along the ray: median",
+        "not known",
+        "seconds: read",
+    ):
         assert word in outcome.out
     assert "isolated" not in outcome.out
     assert b"property float nx" in (tmp_path / "c.ply").read_bytes()[:600]

@@ -19,6 +19,7 @@ from slkit.report.measure import (
     distances_to_mesh,
     plane_fit,
     rigid_alignment,
+    volume_difference,
     volume_error,
 )
 from slkit.triangulation import ray_plane, triangulate
@@ -169,6 +170,43 @@ def test_volume_error_wants_one_point_a_row(truth):
         volume_error(behind, truth, triangulate, DEPTHS_MM)
     with pytest.raises(InputError, match="nothing to compare"):
         volume_error(behind, truth, ray_plane, DEPTHS_MM)
+
+
+def test_the_map_of_two_rigs_is_their_volume_error_point_by_point(truth):
+    pose = truth.projector_from_camera
+    other = Rig(truth.camera, truth.projector, Pose(pose.rotation, 1.01 * pose.translation))
+    error = volume_error(other, truth, ray_plane, DEPTHS_MM)
+    for align, rms_mm in ((False, error.rms_mm), (True, error.aligned_mm)):
+        found = volume_difference(truth, other, ray_plane, DEPTHS_MM, align, step_px=64)
+        assert found.value_mm.shape == (5, 15, 20)
+        assert found.rms_mm == pytest.approx(rms_mm, rel=0.01)
+    # A projector that is farther away by a hundredth makes everything so: each point moves along its ray.
+    as_is = volume_difference(truth, other, ray_plane, DEPTHS_MM, align=False)
+    rays = np.linalg.norm(truth.camera.rays(), axis=-1)
+    at = np.rint(as_is.camera_xy).astype(int)
+    expected = 0.01 * np.array(DEPTHS_MM)[:, None, None] * rays[at[..., 1], at[..., 0]]
+    there = np.isfinite(as_is.value_mm)
+    assert 0.3 < there.mean() < 1
+    np.testing.assert_allclose(as_is.value_mm[there], expected[there], rtol=2e-3)
+
+
+def test_it_does_not_matter_which_of_two_rigs_is_asked_first(truth):
+    moved = Pose.from_rotation_vector([0.002, -0.001, 0.003], [3, -2, 5])
+    other = Rig(truth.camera, truth.projector, truth.projector_from_camera @ moved)
+    there, back = (volume_difference(*pair, ray_plane, DEPTHS_MM).rms_mm for pair in ((truth, other), (other, truth)))
+    assert there == pytest.approx(back, rel=0.1)
+    assert there > 0.1
+    assert volume_difference(truth, truth, ray_plane, DEPTHS_MM).rms_mm < 1e-3
+
+
+def test_the_axis_that_tells_depth_is_found():
+    lens = Pinhole((800, 600), [[1000, 0, 400], [0, 1000, 300], [0, 0, 1]], np.zeros(5))
+    above, longer = (Rig(lens, lens, Pose(np.eye(3), [0.0, b, 0])) for b in (100, 101))
+    found = volume_difference(above, longer, ray_plane, DEPTHS_MM, align=False)
+    middle = np.argmin(np.linalg.norm(found.camera_xy - [400, 300], axis=-1))
+    np.testing.assert_allclose(found.value_mm.reshape(5, -1)[:, middle], 0.01 * np.array(DEPTHS_MM), rtol=1e-2)
+    with pytest.raises(InputError, match="nothing to compare"):
+        volume_difference(above, longer, ray_plane, DEPTHS_MM, axis=0)
 
 
 def test_the_true_points_of_planar_capture_come_back(truth):

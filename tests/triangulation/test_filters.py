@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -72,6 +74,17 @@ def test_sigma_is_judged_by_the_median(make_cloud):
     assert removed["sigma"] == 5
     _, removed = Filters(sigma_factor=4.0).apply(make_cloud(xyz, sigma_mm=sigma))
     assert removed["sigma"] == 8
+
+
+def test_sigma_is_judged_without_the_calibrations_share(make_cloud):
+    xyz = grid(1, 1)
+    decoding = np.full(len(xyz), 0.2)
+    decoding[:5] = 2.2
+    for share in (np.full(len(xyz), 3.0), np.linspace(0.01, 50, len(xyz))):
+        cloud = replace(make_cloud(xyz, sigma_mm=np.hypot(decoding, share)), sigma_cal_mm=np.float32(share))
+        kept, removed = Filters().apply(cloud)
+        assert removed["sigma"] == 5
+        assert len(kept) == len(xyz) - 5
 
 
 def test_exact_data_survive(make_cloud):

@@ -1,0 +1,204 @@
+"""Mistakes that the numbers of a calibration show: its residuals, its rig and its poses."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from slkit.calibration._hypotheses import Explanation, Score
+from slkit.calibration._parameters import Array
+from slkit.calibration.bundle import Adjusted
+from slkit.calibration.diagnose import coverage
+from slkit.data import BoardView, Finding
+from slkit.geometry import Pose
+
+_CHANCE = 1e-6
+"""How likely noise alone may imitate an explanation that is believed."""
+_NEARLY = 0.6
+"""Explanations that take away this share of what the best one does are as good as it."""
+_RIVAL = 0.4
+"""An explanation that takes away less than this share of what the best one does is taken for its shadow."""
+_WHOLE = 0.3
+"""An explanation that takes away this share of the squares leaves nothing for others to explain."""
+_VISIBLE_PX = 0.1
+"""Mistakes that move no pixel by as much do no harm worth naming."""
+_ASPECT = 0.004
+"""Pixels of projectors are square to two in a thousand."""
+_RESAMPLED = 0.025
+_BEND = 5e-4
+"""Smallest bend that is named, as a share of the board's diagonal."""
+_ZOOM, _ZOOM_PX, _ZOOM_SHARE = 2e-3, 1.0, 0.1
+"""A lens that changed by less, or whose change explains less of the misfit, is imitated by prints that are not exact."""
+_ALIKE_DEG = 8.0
+_ONE_DEPTH = 0.08
+_NINTHS = 4
+
+
+def geometry_findings(
+    found: Adjusted, plain: Adjusted, views: Sequence[BoardView], boards: Sequence[str]
+) -> list[Finding]:
+    """Return what the numbers tell of mistakes, those that spoil most first.
+
+    found: as adjusted; plain: adjusted without rejecting anything, for the explanation of a misfit may have been
+    rejected with the rows. boards: how to call each board in a sentence.
+    """
+    credible = [e for e in Score(plain).explanations(views) if e.chance < _CHANCE and _matters(e, plain)]
+    top = max((e.share for e in credible), default=0.0)
+    # Of explanations that do nearly as well the one with the fewest parameters is taken.
+    best = max((e for e in credible if e.share > _NEARLY * top), key=lambda e: e.f, default=None)
+    share = best.share if best is not None else 0.0
+    findings = [
+        finding
+        for e in sorted(credible, key=lambda e: (e is not best, -e.share))
+        if e is best or (e.share > _RIVAL * share and e.code != "moved-board")
+        for finding in _told(e, plain, views, boards)
+    ]
+    if share < _WHOLE:
+        findings = [*_rejected(found, views), *findings]
+    aspect = aspect_finding(found)
+    if aspect is not None and share < _WHOLE and "keystone" not in [f.code for f in findings]:
+        findings.append(aspect)
+    state, board = found.state, found.problem.board
+    for number, name in enumerate(boards):
+        mine = [i for i in range(len(views)) if board[i] == number and views[i].face is None]
+        findings += pose_findings([views[i] for i in mine], [state.poses[i] for i in mine], name)
+    return findings + list(coverage_findings(np.concatenate([v.camera_xy for v in views]), views[0].image_size))
+
+
+def _rejected(found: Adjusted, views: Sequence[BoardView]) -> Iterator[Finding]:
+    """Name views that were rejected because their projected corners and their marks do not go together."""
+    bare = next((p for p in found.problem.parts if p.name == "projected"), None)
+    for index, reason in found.rejected.items():
+        if bare is not None and (bare.view == index).any():
+            yield _moved(views[index].name, reason)
+
+
+def _moved(view: str, evidence: str) -> Finding:
+    fault = f"marks and projected corners do not belong to one pose of the board: {evidence}"
+    return Finding(
+        fault, view, "hold the board still between its two pictures, and take this view again", "moved-board"
+    )
+
+
+def _matters(e: Explanation, found: Adjusted) -> bool:
+    """Tell whether an explanation moves points by more than a trifle."""
+    rig, size = found.state.rig, np.abs(e.value)
+    if e.code in ("keystone", "camera-skew"):
+        device = rig.projector if e.code == "keystone" else rig.camera
+        return float(size[0]) * device.size[1] / (2 * device.K[1, 1]) > _VISIBLE_PX
+    if e.code == "bent-board":
+        return float(size.max()) > _BEND * _diagonal(found, e.where)
+    if e.code == "moved-board":
+        return float(size.max()) > _BEND * _diagonal(found, found.problem.board[e.views[0]])
+    if e.code == "zoomed":
+        return e.share > _ZOOM_SHARE and (float(size[0]) > _ZOOM or float(size[1:].max()) > _ZOOM_PX)
+    return float(size.max()) > _BEND * _diagonal(found, 0)
+
+
+def _diagonal(found: Adjusted, board: int) -> float:
+    """Return the diagonal in mm of a board's points."""
+    blocks = found.problem.blocks(found.state)
+    points = [blocks[p.name].local[found.problem.board[p.view] == board] for p in found.problem.parts]
+    return float(np.linalg.norm(np.ptp(np.concatenate(points)[:, :2], axis=0)))
+
+
+def _told(e: Explanation, found: Adjusted, views: Sequence[BoardView], boards: Sequence[str]) -> list[Finding]:
+    """Return what an explanation means to the user; one that concerns several views on their own, once a view."""
+    if e.code == "moved-board":
+        rises = e.value.reshape(-1, 3)[:, 0]
+        return [
+            _moved(views[v].name, f"it rose by {rise:+.1f} mm and tilted in between")
+            for v, rise in zip(e.views, rises, strict=True)
+        ]
+    return [_sentence(e, views, boards)]
+
+
+def _sentence(e: Explanation, views: Sequence[BoardView], boards: Sequence[str]) -> Finding:
+    share = f"it explains {100 * e.share:.0f} % of the misfit"
+    if e.code == "keystone":
+        return Finding(
+            f"the projector's pixels are skewed by {e.value[0]:.1f} +- {e.sigma[0]:.1f} px",
+            "",
+            "switch off keystone correction and take all views again, or set model.projector.skew = true",
+            "keystone",
+        )
+    if e.code == "camera-skew":
+        return Finding(
+            f"the camera's pixels are skewed by {e.value[0]:.1f} +- {e.sigma[0]:.1f} px",
+            "",
+            "look for what warps the pictures (stabilisation, a perspective filter), or set model.camera.skew = true",
+            "camera-skew",
+        )
+    if e.code == "bent-board":
+        return Finding(
+            f"{boards[e.where]} is bent by about {np.abs(e.value).max():.1f} mm: {share}",
+            "",
+            "glue it to glass or aluminium, or set model.warp = true",
+            "bent-board",
+        )
+    if e.code == "wrong-marks":
+        mark = int(np.argmax(np.hypot(*e.value.reshape(-1, 2).T)))
+        return Finding(
+            f"mark {mark + 1} seems {np.abs(e.value).max():.1f} mm from where xy_mm puts it: {share}",
+            "",
+            "measure the marks from centre to centre again and mend xy_mm",
+            "wrong-marks",
+        )
+    scale, dx, dy = e.value
+    return Finding(
+        f"the camera's lens changed from view {views[e.views[0]].name} on: focal length {100 * scale:+.1f} %, "
+        f"principal point {dx:+.1f} {dy:+.1f} px; {share}",
+        views[e.views[0]].name,
+        "switch off autofocus, zoom and stabilisation and take all views again",
+        "zoomed",
+    )
+
+
+def aspect_finding(found: Adjusted) -> Finding | None:
+    """Return the finding of a projector whose pixels are not square, None where they are."""
+    projector = found.state.rig.projector
+    fx, fy = projector.K[0, 0], projector.K[1, 1]
+    places = [found.names.index(f"projector.{n}") if f"projector.{n}" in found.names else -1 for n in ("fx", "fy")]
+    slope = np.array([-fy / fx**2, 1 / fx])
+    sigma = float(np.sqrt(slope @ found.covariance[np.ix_(places, places)] @ slope)) if min(places) >= 0 else 0.0
+    aspect = float(fy / fx)
+    if abs(aspect - 1) < max(_ASPECT, 5 * sigma):
+        return None
+    width, height = projector.size
+    fault = f"the projector's pixels are not square: fy / fx = {aspect:.4f} +- {sigma:.4f}"
+    remedy = (
+        f"set the projector to its own resolution (is it {width} x {height} px?) and switch off keystone correction"
+    )
+    # A desktop of another shape stretches by several per cent; a little is what keystone correction leaves.
+    return Finding(fault, "", remedy, "not-native" if abs(aspect - 1) > _RESAMPLED else "keystone")
+
+
+def pose_findings(views: Sequence[BoardView], poses: Sequence[Pose], side: str) -> Iterator[Finding]:
+    """Name poses of one side of the board that determine too little: alike, at one depth, in one corner."""
+    if len(views) < 2:
+        return
+    normals = np.array([p.rotation[:, 2] for p in poses])
+    widest = float(np.degrees(np.arccos(np.clip(normals @ normals.T, -1, 1))).max())
+    if widest < _ALIKE_DEG:
+        fault = f"all views of {side} are parallel within {widest:.1f} degrees"
+        yield Finding(fault, "", "tilt the board by 20 to 40 degrees to all sides", "parallel-poses")
+    middles = [_middle(v, p) for v, p in zip(views, poses, strict=True)]
+    spread = (max(middles) - min(middles)) / float(np.mean(middles))
+    if spread < _ONE_DEPTH:
+        fault = f"all views of {side} are at one depth within {100 * spread:.1f} %"
+        yield Finding(fault, "", "move the board nearer and farther, over the depth of what you will scan", "one-depth")
+
+
+def coverage_findings(camera_xy: Array, size: tuple[int, int]) -> Iterator[Finding]:
+    """Name points (n, 2) px that cover one corner of an image only."""
+    filled = coverage(camera_xy, size) > 0.01 * len(camera_xy)
+    if int(filled.sum()) <= _NINTHS:
+        fault = f"the points cover {int(filled.sum())} of the nine ninths of the camera's image"
+        yield Finding(fault, "", "take views that fill the image, its corners too", "one-corner")
+
+
+def _middle(view: BoardView, pose: Pose) -> float:
+    """Return the depth in mm of the middle of a view's printed points."""
+    middle = view.board_xy[view.printed].mean(axis=0)
+    return float(pose.apply([middle[0], middle[1], 0.0])[2])

@@ -1,0 +1,204 @@
+"""What would explain the misfit: score tests of mistakes against a calibration that was solved without them.
+
+Every mistake adds parameters that would be zero without it. Where the residuals ask for them the misfit falls, and the
+first step of least squares tells by how much and how large they would be; nothing is solved again.
+Source: Rao's score test (1948).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from slkit.calibration._parameters import Array
+from slkit.calibration._residuals import Block
+from slkit.calibration._state import MOTION
+from slkit.calibration.bundle import Adjusted
+from slkit.calibration.surfaces import Sheet
+from slkit.data import BoardView
+
+_UNLIKELY = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """A mistake that the residuals speak for.
+
+    code: its name; value (k,): what its parameters would be, sigma (k,) 1 sigma; share: of the weighted squares, how
+    many it takes away; f: its F statistic, of k parameters. views: which it concerns, by index. where: of the board.
+    """
+
+    code: str
+    value: Array
+    sigma: Array
+    share: float
+    f: float
+    chance: float
+    views: tuple[int, ...] = ()
+    where: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class _Fitted:
+    """Weighted residuals (m,), their Jacobian over the free parameters (m, q), and its inverse normal matrix."""
+
+    residual: Array
+    jacobian: Array
+    inverse: Array
+
+
+class Score:
+    """The score tests of one adjusted calibration."""
+
+    def __init__(self, found: Adjusted) -> None:
+        self._found = found
+        self._problem, self._state = found.problem, found.state
+        self._blocks: Mapping[str, Block] = found.problem.blocks(found.state)
+        self._names = [p.name for p in self._problem.parts]
+        self._roots = {n: np.sqrt(found.weights[n]) for n in self._names}
+        views = len(self._problem.board)
+        jacobians: list[Array] = []
+        for part in self._problem.parts:
+            block = self._blocks[part.name]
+            own = np.zeros((len(part.view), 2, 6 * views))
+            for axis in range(6):
+                own[np.arange(len(part.view)), :, 6 * part.view + axis] = block.pose[:, :, axis]
+            jacobians.append(
+                self._weighted(part.name, np.concatenate([block.shared @ self._problem.free.spread, own], 2))
+            )
+        jacobian = np.concatenate(jacobians)
+        residual = np.concatenate([self._weighted(n, self._blocks[n].error[:, :, None]) for n in self._names])[:, 0]
+        scale = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
+        inverse = np.linalg.pinv((jacobian / scale).T @ (jacobian / scale), hermitian=True, rcond=1e-13)
+        self._fitted = _Fitted(residual, jacobian / scale, inverse)
+        self.dof = int((np.abs(residual) > 0).sum()) - jacobian.shape[1]
+
+    def _weighted(self, name: str, columns: Array) -> Array:
+        """Return columns (n, 2, k) times the root of their weights, as (2n, k)."""
+        return (columns * self._roots[name][:, :, None]).reshape(-1, columns.shape[2])
+
+    def test(
+        self, code: str, columns: Mapping[str, Array], views: Sequence[int] = (), where: int = 0
+    ) -> Explanation | None:
+        """Return how well extra parameters explain the misfit; columns: per class d error / d parameter (n, 2, k)."""
+        width = next(iter(columns.values())).shape[2]
+        extra = np.concatenate(
+            [
+                self._weighted(p.name, columns[p.name]) if p.name in columns else np.zeros((2 * len(p.view), width))
+                for p in self._problem.parts
+            ]
+        )
+        from scipy.stats import f as f_distribution
+
+        fitted = self._fitted
+        length = np.linalg.norm(extra, axis=0)
+        extra = extra - fitted.jacobian @ (fitted.inverse @ (fitted.jacobian.T @ extra))
+        left = np.linalg.norm(extra, axis=0)
+        # A parameter that the others imitate almost wholly cannot be told from them.
+        if not (left > 1e-4 * np.maximum(length, 1e-300)).all() or self.dof <= width:
+            return None
+        matrix = (extra / left).T @ (extra / left)
+        if np.linalg.cond(matrix) > 1e8:
+            return None
+        pull = (extra / left).T @ fitted.residual
+        value = -np.linalg.solve(matrix, pull)
+        total, taken = float(fitted.residual @ fitted.residual), float(-value @ pull)
+        rest = max(total - taken, 1e-300) / (self.dof - width)
+        sigma = np.sqrt(rest * np.diag(np.linalg.inv(matrix)))
+        f = taken / width / rest
+        chance = float(f_distribution.sf(f, width, self.dof - width))
+        share = taken / max(total, 1e-300)
+        return Explanation(code, value / left, sigma / left, share, f, chance, tuple(views), where)
+
+    def shared(self, index: Sequence[int], only: Mapping[str, Array] | None = None) -> dict[str, Array]:
+        """Return the derivatives over shared parameters, per class; only: masks (n,) of the rows that they concern."""
+        columns: dict[str, Array] = {}
+        for name in self._names:
+            found = self._blocks[name].shared[:, :, list(index)]
+            columns[name] = found if only is None else found * only[name][:, None, None]
+        return columns
+
+    def explanations(self, views: Sequence[BoardView]) -> Iterator[Explanation]:
+        """Test every mistake of geometry: skewed pixels, bent boards, misplaced marks, a lens that changed."""
+        free = np.abs(self._problem.free.spread).sum(axis=1) > 0
+        found = [
+            self.test(code, self.shared([first + 4]))
+            for code, first in (("camera-skew", 0), ("keystone", 10))
+            if not free[first + 4] and free[first]
+        ]
+        for board, surface in enumerate(self._state.surfaces):
+            first = MOTION + 2 * board
+            if isinstance(surface, Sheet) and not free[first]:
+                found.append(self._bend(board, surface))
+        found += [self._marks(), self._moved(), *self._changes(views)]
+        return (e for e in found if e is not None)
+
+    def _bend(self, board: int, sheet: Sheet) -> Explanation | None:
+        """Test whether a board is bent, by three numbers in mm: along x, along y, and twisted."""
+        columns: dict[str, Array] = {}
+        for part in self._problem.parts:
+            block = self._blocks[part.name]
+            mine = self._problem.board[part.view] == board
+            place = (block.local[:, :2] - sheet.center) / sheet.half
+            shape = np.column_stack([1 - place**2, place[:, :1] * place[:, 1:]]) * mine[:, None]
+            columns[part.name] = block.height[:, :, None] * shape[:, None]
+        return self.test("bent-board", columns, where=board)
+
+    def _marks(self) -> Explanation | None:
+        """Test whether single marks are elsewhere on the board than stated: two numbers a mark, in mm."""
+        part = next((p for p in self._problem.parts if p.name == "marks"), None)
+        if part is None:
+            return None
+        numbers = np.unique(part.point)
+        turns = self._state.rotations[part.view]
+        slope = self._blocks["marks"].pose[:, :, 3:] @ turns[:, :, :2]
+        # A shift of all marks together is a shift of the board: the last two stay where they are.
+        columns = [slope * (part.point == number)[:, None, None] for number in numbers[: max(len(numbers) - 2, 1)]]
+        return self.test("wrong-marks", {"marks": np.concatenate(columns, axis=2)})
+
+    def _moved(self) -> Explanation | None:
+        """Test in which views the board lay elsewhere when the pattern was shown: a rise in mm and two tilts a view.
+
+        Sliding within its plane does not move a projected corner.
+        """
+        part = next((p for p in self._problem.parts if p.name == "projected"), None)
+        if part is None:
+            return None
+        block = self._blocks["projected"]
+        span = np.maximum(np.ptp(block.local[:, :2], axis=0), 1e-9)
+        shape = np.column_stack([np.ones(len(part.view)), block.local[:, :2] / span])
+        whole = block.height[:, :, None] * shape[:, None]
+        tests = {
+            int(v): self.test("moved-board", {"projected": whole * (part.view == v)[:, None, None]}, [int(v)])
+            for v in np.unique(part.view)
+        }
+        moved = [v for v, e in tests.items() if e is not None and e.chance < _UNLIKELY]
+        columns = [whole * (part.view == v)[:, None, None] for v in moved]
+        return self.test("moved-board", {"projected": np.concatenate(columns, axis=2)}, moved) if moved else None
+
+    def _changes(self, views: Sequence[BoardView]) -> Iterator[Explanation | None]:
+        """Test whether focal length and principal point of the camera differ from some view on."""
+        count = len(views)
+        light = np.array([bool(v.projected.any()) for v in views])
+        sets: list[list[int]] = [list(range(first, count)) for first in range(2, count - 1)]
+        sides = [np.flatnonzero(light == side) for side in (False, True)]
+        if all(len(side) >= 4 for side in sides):
+            for share in np.arange(1, 8) / 8:
+                sets.append([int(i) for side in sides for i in side[round(share * len(side)) :]])
+        best: Explanation | None = None
+        for chosen in sets:
+            only = {p.name: np.isin(p.view, chosen).astype(np.float64) for p in self._problem.parts}
+            columns: dict[str, Array] = {}
+            for name in self._names:
+                if name == "decoded":
+                    continue
+                over = self._blocks[name].shared[:, :, :4] * only[name][:, None, None]
+                K = self._state.rig.camera.K
+                focal = over[:, :, :1] * K[0, 0] + over[:, :, 1:2] * K[1, 1]
+                columns[name] = np.concatenate([focal, over[:, :, 2:]], axis=2)
+            found = self.test("zoomed", columns, chosen)
+            if found is not None and (best is None or found.f > best.f):
+                best = found
+        yield best

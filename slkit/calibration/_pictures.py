@@ -1,0 +1,226 @@
+"""What the pictures themselves tell of mistakes, before and beside a calibration.
+
+Nothing here raises for a bad picture: every mistake becomes a finding whose code `slkit.data.faults` explains.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from slkit.calibration._exchanged import compare, exchange_findings, motion_finding
+from slkit.calibration._exposure import Look, exposure_findings, look_at, spacing
+from slkit.calibration._numbers import cell_ratio, continues, corners_finding, count_corners, marks_finding
+from slkit.calibration._ripple import Flatness, code_findings, flatness, undecoded
+from slkit.calibration.detect import find_checkerboard, to_8bit
+from slkit.calibration.marks import find_marks
+from slkit.calibration.projected import find_projected
+from slkit.data import BoardView, Capture, Finding, Image
+from slkit.geometry import Floats
+from slkit.targets import Checkerboard, CornerMarks, ProjectedCheckerboard
+
+_ROLES = ("printed", "marks", "projected", "lit")
+_ASKED = 2
+_CELLS = (0.5, 2.0, 0.4, 2.5, 0.67, 1.5)
+_UPRIGHT_DEG = 45.0
+_FEWEST = 6
+_MIRRORED = Finding(
+    "the projected image is mirrored",
+    "",
+    "switch off the projector's setting for rear projection, and take all views again",
+    "mirrored",
+)
+
+
+def picture_findings(captures: Sequence[Capture], views: Sequence[BoardView], calibrator: Any) -> tuple[Finding, ...]:
+    """Return every mistake that the pictures of a calibration show, each once a view, those that spoil most first.
+
+    views: what `calibrator.observe` made of the captures; further views are ignored. calibrator: its fields `printed`,
+    `marks` and `projected`, where it has them, say what should be in the pictures.
+    """
+    by_name = {view.name: view for view in views}
+    seen = [c for c in captures if c.name in by_name]
+    size, found = common_size(seen)
+    fitting = [c for c in seen if all(p.shape[1::-1] == size for _, p in pictures_of(c))]
+    found += _exchanged(fitting, by_name, getattr(calibrator, "marks", None))
+    light = exposure_findings(_looks(fitting, by_name))
+    # Where bad light explains why a board was not found, its numbers are not to blame.
+    explained = {f.view for f in (*found, *light)}
+    found += _wrong_numbers([c for c in fitting if c.name not in explained], by_name, calibrator)
+    clear = [c for c in fitting if c.name not in {f.view for f in light}]
+    found += light + _coded(clear, by_name, getattr(calibrator, "printed", None))
+    found += orientation_findings(list(by_name.values()))
+    # A view with two pictures may show one mistake in both.
+    return tuple({(f.code, f.view): f for f in reversed(found)}.values())[::-1]
+
+
+def pictures_of(capture: Capture) -> list[tuple[str, Image]]:
+    """Return the pictures of a capture with their roles."""
+    return [(role, p) for role in _ROLES if (p := getattr(capture, role)) is not None]
+
+
+def common_size(captures: Sequence[Capture]) -> tuple[tuple[int, int], list[Finding]]:
+    """Return the size (w, h) px that most pictures have, and the views of another one."""
+    sizes = {c.name: [p.shape[1::-1] for _, p in pictures_of(c)] for c in captures}
+    counts = Counter((size[0], size[1]) for mine in sizes.values() for size in mine)
+    if not counts:
+        return (1, 1), []
+    (width, height), _ = counts.most_common(1)[0]
+    found: list[Finding] = []
+    for name, mine in sizes.items():
+        other = next((size for size in mine if size != (width, height)), None)
+        if other is None:
+            continue
+        sentence = f"its picture is {other[0]} x {other[1]} px, most are {width} x {height} px"
+        if other == (height, width):
+            remedy = "turn it back, or copy it again with a program that leaves pictures as they are"
+            found.append(Finding(f"{sentence}: it is turned by 90 degrees", name, remedy, "exif-rotated"))
+        else:
+            remedy = "use the pictures as the camera wrote them, all at one size"
+            found.append(Finding(sentence, name, remedy, "other-size"))
+    return (width, height), found
+
+
+def orientation_findings(views: Sequence[BoardView]) -> list[Finding]:
+    """Return that the projected image is mirrored, or turned against the camera's, as most views say."""
+    angles: list[float] = []
+    mirrored = 0
+    for view in views:
+        lit = view.projected
+        if lit.sum() < 6:
+            continue
+        matrix = _affine(view.camera_xy[lit], view.projector_xy[lit])
+        mirrored += bool(np.linalg.det(matrix) < 0)
+        angles.append(float(np.degrees(np.arctan2(matrix[1, 0] - matrix[0, 1], matrix[0, 0] + matrix[1, 1]))))
+    if mirrored > len(angles) / 2:
+        return [_MIRRORED]
+    turn = 90 * round(float(np.median(np.abs(angles))) / 90) if angles else 0
+    if not turn or np.median(np.abs(angles)) < _UPRIGHT_DEG:
+        return []
+    fault = f"the projected image is turned by {turn} degrees against the camera's"
+    remedy = (
+        "this does no harm while projector, desktop and camera stay as they are; "
+        "if you did not mean it, switch off the projector's setting for the ceiling"
+    )
+    return [Finding(fault, "", remedy, "turned")]
+
+
+def _affine(start: Floats, end: Floats) -> Floats:
+    """Return the linear part (2, 2) of the affine map that fits best."""
+    terms = start - start.mean(axis=0)
+    return np.linalg.lstsq(terms, end - end.mean(axis=0))[0].T
+
+
+def _exchanged(captures: Sequence[Capture], views: Mapping[str, BoardView], marks: Any) -> list[Finding]:
+    pairs = [(c.name, c.marks, c.projected) for c in captures if c.marks is not None and c.projected is not None]
+    found = exchange_findings([compare(*pair) for pair in pairs])
+    named = {f.view for f in found}
+    for name, white, pattern in pairs:
+        printed = views[name].printed
+        if name not in named and printed.sum() >= 4 and isinstance(marks, CornerMarks):
+            mm, px = views[name].board_xy[printed], views[name].camera_xy[printed]
+            cell_px = marks.cell_mm * float(np.linalg.norm(np.std(px, axis=0)) / np.linalg.norm(np.std(mm, axis=0)))
+            found += motion_finding(name, white, pattern, px, cell_px)
+    return found
+
+
+def _looks(captures: Sequence[Capture], views: Mapping[str, BoardView]) -> list[Look]:
+    pictures = [(c.name, role, p) for c in captures for role, p in pictures_of(c)]
+    full = 255.0
+    if any(p.dtype != np.uint8 for _, _, p in pictures):
+        full = max(float(p.max()) for _, _, p in pictures)
+    return [look_at(name, role, p, _points(views[name], role), full) for name, role, p in pictures]
+
+
+def _points(view: BoardView, role: str) -> Floats:
+    """Return the points (n, 2) px around which a picture of that role has edges."""
+    return view.camera_xy[view.projected if role == "projected" else view.printed]
+
+
+def _wrong_numbers(captures: Sequence[Capture], views: Mapping[str, BoardView], calibrator: Any) -> list[Finding]:
+    found: list[Finding] = []
+    printed = getattr(calibrator, "printed", None)
+    if isinstance(printed, Checkerboard):
+        mine = [(views[c.name], p) for c in captures for role, p in pictures_of(c) if role in ("printed", "lit")]
+        found += _counted(mine, printed)
+    projected = getattr(calibrator, "projected", None)
+    if isinstance(projected, ProjectedCheckerboard):
+        found += _unread(captures, views, projected)
+    marks = getattr(calibrator, "marks", None)
+    if isinstance(marks, CornerMarks):
+        found += marks_finding(_ratios([(views[c.name], c.marks) for c in captures if c.marks is not None], marks))
+    return found
+
+
+def _counted(pictures: Sequence[tuple[BoardView, Image]], printed: Checkerboard) -> list[Finding]:
+    """Return that the printed checkerboard has another number of corners, where it was not found or goes on."""
+    lost = [p for view, p in pictures if not view.printed.any()]
+    larger = [
+        p
+        for view, p in pictures
+        if continues(p, view.camera_xy[view.printed], np.rint(view.board_xy[view.printed] / printed.square_mm))
+    ]
+    suspect = larger if len(larger) > 1 else lost if 2 * len(lost) >= len(pictures) else []
+    there = count_corners([to_8bit(p) for p in suspect[:_ASKED]], printed.corners) if suspect else None
+    return corners_finding(there, printed.corners, "printed")
+
+
+def _unread(
+    captures: Sequence[Capture], views: Mapping[str, BoardView], projected: ProjectedCheckerboard
+) -> list[Finding]:
+    """Return why the projected checkerboard was found in few views: mirrored, or wrongly told."""
+    pairs = [(c.projected, c.marks, c.name) for c in captures if c.marks is not None and c.projected is not None]
+    lost = [(pattern, white) for pattern, white, name in pairs if not views[name].projected.any()]
+    if 2 * len(lost) < len(pairs):
+        return []
+    nx, ny = projected.corners
+    for pattern, white in lost[:_ASKED]:
+        if not isinstance(find_projected(pattern[:, ::-1], white[:, ::-1], projected), str):
+            return [_MIRRORED]
+        if nx != ny and not isinstance(find_projected(pattern, white, replace(projected, corners=(ny, nx))), str):
+            fault = f"the projected checkerboard has {ny} x {nx} inner corners, not {nx} x {ny}"
+            remedy = "give the corners under [projected] as columns, then rows"
+            return [Finding(fault, "", remedy, "wrong-corners")]
+    return []
+
+
+def _ratios(whites: Sequence[tuple[BoardView, Image]], marks: CornerMarks) -> list[float]:
+    """Return the `cell_ratio` of the views whose marks were found; where none were, of a few with other cells."""
+    found = [
+        cell_ratio(white, view.camera_xy[view.printed], view.board_xy[view.printed], marks.cell_mm)
+        for view, white in whites
+        if view.printed.sum() >= 4
+    ]
+    if found:
+        return found
+    for _, white in whites[:_ASKED]:
+        for factor in _CELLS:
+            other = replace(marks, cell_mm=factor * marks.cell_mm)
+            centers = find_marks(to_8bit(white), other)
+            if centers is not None:
+                found.append(factor * cell_ratio(white, centers, marks.points(), other.cell_mm))
+                break
+    return found
+
+
+def _coded(captures: Sequence[Capture], views: Mapping[str, BoardView], printed: Any) -> list[Finding]:
+    """Return what decoded light tells; a view in which too little was decoded is looked at as well."""
+    maps: list[Flatness] = []
+    found: list[Finding] = []
+    for capture in captures:
+        view = views[capture.name]
+        corners = view.camera_xy[view.printed]
+        if capture.lit is None:
+            continue
+        if len(corners) < _FEWEST and isinstance(printed, Checkerboard):
+            again = find_checkerboard(to_8bit(capture.lit), printed.corners)
+            corners = corners if again is None else again[np.isfinite(again).all(axis=-1)]
+        if capture.correspondences is None:
+            found.append(undecoded(view.name))
+        elif len(corners) >= _FEWEST:
+            maps.append(flatness(view.name, corners, 0.45 * spacing(corners), capture.correspondences))
+    return code_findings(maps) + found

@@ -1,0 +1,222 @@
+"""The numbers behind a verdict: coverage, poses, uncertain parameters, corners that are off in every view.
+
+And how well a rig predicts a view that it was not solved from.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from slkit.calibration._parameters import Array, rms
+from slkit.calibration.bundle import adjust
+from slkit.calibration.model import Model
+from slkit.data import BoardView, Calibration, DeviceDiagnosis, Diagnosis, ViewResult
+from slkit.errors import CalibrationError
+from slkit.geometry import LENS_NAMES, Pinhole, Pose, Rig
+
+_ALIKE = 0.99
+_FEWEST_HALVES = 6
+
+
+def diagnosed(calibration: Calibration) -> Diagnosis:
+    """Return what can be told from a calibration alone; `left_out` and maps are added by who can solve again."""
+    used = [v for v in calibration.views if v.used and v.view is not None and v.pose is not None]
+    rig = calibration.rig
+    devices = {
+        "camera": _device(rig.camera, used, Pose.identity(), "camera_xy", calibration),
+        "projector": _device(rig.projector, used, rig.projector_from_camera, "projector_xy", calibration),
+    }
+    return Diagnosis(devices, _correlations(calibration), repeating(used))
+
+
+def coverage(xy: Array, size: tuple[int, int]) -> np.ndarray:
+    """Return how many points (n, 2) px lie in each ninth (3, 3) of an image of size (w, h), row by row."""
+    place = np.clip(np.floor(3 * (xy + 0.5) / np.array(size)), 0, 2).astype(np.intp)
+    counts = np.zeros((3, 3), dtype=np.intp)
+    np.add.at(counts, (place[:, 1], place[:, 0]), 1)
+    return counts
+
+
+def repeating(used: Sequence[ViewResult]) -> dict[str, tuple[Array, Array, Array]]:
+    """Return for `printed` and `projected` points where they are, their mean camera error and its 1 sigma.
+
+    Points (n, 2) mm on the board or px in the projector, seen in two views or more; mean (n, 2) px; sigma (n,) px.
+    """
+    result: dict[str, tuple[Array, Array, Array]] = {}
+    for name, place in (("printed", "board_xy"), ("projected", "projector_xy")):
+        rows: dict[tuple[float, ...], list[Array]] = {}
+        for r in used:
+            view, error, kept = r.view, r.camera_xy_error, r.kept
+            if view is None or error is None or kept is None:
+                continue
+            bare = view.projected & ~view.printed
+            chosen = kept & (bare if name == "projected" else view.printed & (not bare.any()))
+            for xy, e in zip(getattr(view, place)[chosen], error[chosen], strict=True):
+                rows.setdefault(tuple(np.round(xy, 6).tolist()), []).append(e)
+        often = {k: np.array(v) for k, v in rows.items() if len(v) > 1}
+        if not often:
+            continue
+        means = np.array([e.mean(axis=0) for e in often.values()])
+        within = np.concatenate([e - e.mean(axis=0) for e in often.values()])
+        dof = len(within) - len(often)
+        scatter = float(np.sqrt((within**2).sum() / (2 * max(dof, 1))))
+        result[name] = np.array(list(often)), means, np.array([scatter / np.sqrt(len(e)) for e in often.values()])
+    return result
+
+
+def left_out(
+    calibration: Calibration, model: Model, tell: Callable[[int, int], None] | None = None
+) -> dict[str, Array]:
+    """Return for each view that was used the errors (n, 2) px with which a rig adjusted without it predicts it.
+
+    model: what is estimated, also another than the calibration's. The view's pose comes from its printed points in the
+    camera; the errors are those of its projected points in the projector, or of the printed ones where nothing is
+    projected. Solids, and views without which too little is left, are left away. tell: is called with how many are
+    done, and of how many.
+    """
+    used = [r for r in calibration.views if r.used and r.view is not None and r.view.face is None]
+    views = [_kept(r) for r in used]
+    errors: dict[str, Array] = {}
+    whole = replace(model, loss="squares")
+    for index, view in enumerate(views):
+        if tell is not None:
+            tell(index, len(views))
+        others = [i for i in range(len(views)) if i != index]
+        if not _enough([views[i] for i in others]):
+            continue
+        names = sorted({used[i].board for i in others})
+        boards = [names.index(used[i].board) for i in others]
+        poses = [pose for i in others if (pose := used[i].pose) is not None]
+        found = adjust(calibration.rig, poses, [views[i] for i in others], whole, boards)
+        error = predicted(found.state.rig, view)
+        if error is not None:
+            errors[view.name] = error
+    return errors
+
+
+def _kept(result: ViewResult) -> BoardView:
+    """Return the rows of a view that were not rejected."""
+    view, kept = result.view, result.kept
+    if view is None or kept is None:
+        raise ValueError(f"{result.name} was not used")
+    columns = {n: getattr(view, n)[kept] for n in ("board_xy", "camera_xy", "projector_xy", "sigma")}
+    return replace(view, **columns)
+
+
+def _enough(views: Sequence[BoardView]) -> bool:
+    """Tell whether views determine a rig: two that locate the projector, and two with printed points."""
+    return sum(bool(v.projected.any()) for v in views) >= 2 and sum(bool(v.printed.any()) for v in views) >= 2
+
+
+def predicted(rig: Rig, view: BoardView) -> Array | None:
+    """Return the errors (n, 2) px with which a rig predicts a view of a flat board that it was not solved from.
+
+    As `left_out` says; None where the view's own pose cannot be had.
+    """
+    from slkit.calibration.estimate import points_of
+    from slkit.calibration.solve import board_pose
+
+    printed = view.printed
+    try:
+        pose, _, _ = board_pose(rig.camera, view.board_xy[printed], view.camera_xy[printed])
+    except CalibrationError:
+        return None
+    points = points_of(rig.camera, pose, view)
+    lit = view.projected
+    if lit.any():
+        error = rig.to_projector(points[lit]) - view.projector_xy[lit]
+    else:
+        error = rig.camera.project(points) - view.camera_xy
+    return error if np.isfinite(error).all() else None
+
+
+def halves(views: Sequence[BoardView]) -> tuple[list[BoardView], list[BoardView]] | None:
+    """Return two halves of the usable views, every second one of each kind, or None where there are too few.
+
+    Kinds are views with projected points and without.
+    """
+    parts: tuple[list[BoardView], list[BoardView]] = ([], [])
+    for lit in (False, True):
+        kind = [v for v in views if v.problem is None and bool(v.projected.any()) == lit]
+        if kind and len(kind) < _FEWEST_HALVES:
+            return None
+        for index, view in enumerate(kind):
+            parts[index % 2].append(view)
+    return parts if all(parts) else None
+
+
+def with_left_out(diagnosis: Diagnosis, errors: Mapping[str, Array], calibration: Calibration) -> Diagnosis:
+    """Return the diagnosis with leave-one-view-out errors; the total is over the views that locate the projector."""
+    lit = [r.name for r in calibration.views if r.view is not None and r.view.projected.any()]
+    chosen = [errors[n] for n in lit if n in errors]
+    total = rms(np.concatenate(chosen)) if chosen else float("nan")
+    return replace(diagnosis, left_out_px={n: rms(e) for n, e in errors.items()}, left_out_rms_px=total)
+
+
+def _device(
+    device: Pinhole, used: Sequence[ViewResult], motion: Pose, pixels: str, calibration: Calibration
+) -> DeviceDiagnosis:
+    seen: list[Array] = []
+    depths: list[float] = []
+    tilts: list[float] = []
+    for r in used:
+        view, pose, kept = r.view, r.pose, r.kept
+        if view is None or pose is None or kept is None:
+            continue
+        xy = getattr(view, pixels)[kept]
+        xy = xy[np.isfinite(xy).all(axis=1)]
+        if not len(xy):
+            continue
+        placed = motion @ pose
+        middle = view.board_xy[view.printed].mean(axis=0)
+        seen.append(xy)
+        depths.append(float(placed.apply([middle[0], middle[1], 0.0])[2]))
+        tilts.append(float(np.degrees(np.arccos(np.clip(abs(placed.rotation[2, 2]), 0, 1)))))
+    counts = coverage(np.concatenate([*seen, np.empty((0, 2))]), device.size)
+    name = "camera" if pixels == "camera_xy" else "projector"
+    return DeviceDiagnosis(counts, _range(depths), _range(tilts), _parameters(name, device, motion, calibration))
+
+
+def _range(values: Sequence[float]) -> tuple[float, float]:
+    return (min(values), max(values)) if values else (float("nan"), float("nan"))
+
+
+def _parameters(name: str, device: Pinhole, motion: Pose, calibration: Calibration) -> dict[str, tuple[float, float]]:
+    """Return the device's free parameters with their 1 sigma; the motion's rotation as the motion it would take."""
+    sigmas = _sigmas(calibration)
+    K = device.K
+    values = [K[0, 0], K[1, 1], K[0, 2], K[1, 2], K[0, 1], *device.distortion]
+    found = {
+        n: (float(v), sigmas[f"{name}.{n}"]) for n, v in zip(LENS_NAMES, values, strict=True) if f"{name}.{n}" in sigmas
+    }
+    if name == "projector":
+        moves = [*np.degrees(motion.rotation_vector), *motion.translation]
+        for part, value in zip(("rx", "ry", "rz", "tx", "ty", "tz"), moves, strict=True):
+            sigma = sigmas.get(f"projector_from_camera.{part}")
+            if sigma is not None:
+                found[part] = float(value), float(np.degrees(sigma)) if part.startswith("r") else sigma
+    return found
+
+
+def _sigmas(calibration: Calibration) -> dict[str, float]:
+    if calibration.covariance is None:
+        return {}
+    sigma = np.sqrt(np.maximum(np.diag(calibration.covariance["matrix"]), 0))
+    return dict(zip(calibration.covariance["parameters"], sigma.tolist(), strict=True))
+
+
+def _correlations(calibration: Calibration) -> tuple[tuple[str, str, float], ...]:
+    """Return the pairs of parameters whose errors go together almost wholly, strongest first."""
+    if calibration.covariance is None:
+        return ()
+    names, matrix = calibration.covariance["parameters"], np.asarray(calibration.covariance["matrix"])
+    sigma = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    correlation = matrix / np.outer(sigma, sigma)
+    rows, cols = np.nonzero(np.triu(np.abs(correlation) > _ALIKE, 1))
+    pairs = [(str(names[i]), str(names[j]), float(correlation[i, j])) for i, j in zip(rows, cols, strict=True)]
+    # Released points of a board follow each other by the hundred; only the rig's own parameters are of interest.
+    own = [p for p in pairs if not any(n.startswith("board") for n in p[:2])]
+    return tuple(sorted(own, key=lambda p: -abs(p[2])))

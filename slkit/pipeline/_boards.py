@@ -1,0 +1,233 @@
+"""Boards to print: sizes that suit a page, and the TOML tables that describe them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from slkit import registry
+from slkit.errors import InputError
+from slkit.files import toml_text, write_bytes
+from slkit.targets import (
+    AprilTags,
+    BorderMarks,
+    Charuco,
+    Checkerboard,
+    CircleGrid,
+    CornerMarks,
+    Printable,
+    TagMarks,
+)
+
+PAGES = {
+    "A1": (841.0, 594.0),
+    "A2": (594.0, 420.0),
+    "A3": (420.0, 297.0),
+    "A4": (297.0, 210.0),
+    "Letter": (279.4, 215.9),
+    "Tabloid": (431.8, 279.4),
+}
+"""Width and height in mm of the pages, landscape."""
+MARGIN_MM = 10.0
+"""White around the drawing, for rulers and text."""
+_MARK_TEXT_MM = 8.0
+"""Part of the margin that text and rulers take."""
+
+Size = tuple[float, float]
+Corners = tuple[int, int]
+Design = Callable[[Size, Corners | None, float | None], Printable]
+
+
+@dataclass(frozen=True)
+class _Kind:
+    """A kind of board: the table of calibration.toml that describes it, and how it is laid out on a page."""
+
+    table: str
+    design: Design
+    other_side: str
+
+
+def write_board(
+    path: str | Path,
+    kind: str,
+    page: str = "A3",
+    *,
+    landscape: bool = True,
+    corners: tuple[int, int] | None = None,
+    square_mm: float | None = None,
+    two_sided: bool = False,
+) -> dict[str, Any]:
+    """Write a board as vector PDF or SVG at true scale, and return the tables of calibration.toml that describe it.
+
+    kind: one of `BOARDS`; page: one of `PAGES`. corners: inner corners, tags or circles in x and y; square_mm: side of
+    a square, a tag or a cell of a mark, or the spacing of circles; both are chosen from the page where they are None.
+    two_sided: a second page for the other side of the board, which registers in a duplex print.
+    Errors: InputError for an unknown kind, page or ending, or a board larger than the page.
+    """
+    from slkit.report.sheets import render
+
+    path, size = Path(path), _page(page, landscape)
+    if square_mm is not None and not 0 < square_mm < math.inf:
+        raise InputError(f"square_mm must be a positive length, not {square_mm}")
+    kinds = [kind, _kind(kind).other_side] if two_sided else [kind]
+    # Side A comes first, whichever was named.
+    kinds.sort(key=lambda k: _kind(k).table != "printed")
+    targets = {k: _kind(k).design(size, *((corners, square_mm) if k == kind else (None, None))) for k in kinds}
+    tables = {_kind(k).table: registry.parameters_of(target) for k, target in targets.items()}
+    name = f"{page} {'landscape' if landscape else 'portrait'}"
+    sheets = [_sheet(k, target, size, name, two_sided) for k, target in targets.items()]
+    write_bytes(path, render(sheets, path.suffix.lower()))
+    return tables
+
+
+def _page(page: str, landscape: bool) -> Size:
+    sizes = {name.lower(): size for name, size in PAGES.items()}
+    if page.lower() not in sizes:
+        raise InputError(f"page must be one of {', '.join(PAGES)}, not {page!r}")
+    width, height = sizes[page.lower()]
+    return (width, height) if landscape else (height, width)
+
+
+def _kind(name: str) -> _Kind:
+    if name not in BOARDS:
+        raise InputError(f"there is no board called {name!r}; there are: {', '.join(BOARDS)}")
+    return BOARDS[name]
+
+
+def _sheet(kind: str, target: Printable, size: Size, page: str, two_sided: bool) -> Any:
+    """Return the page: the drawing in its middle, save for a corner board, whose sheet is white elsewhere."""
+    from slkit.report.sheets import CROSS_MM, RULER_MM, Sheet
+
+    x0, y0, x1, y1 = target.ink().extent()
+    room = size[0] - 2 * MARGIN_MM, size[1] - 2 * MARGIN_MM
+    if x1 - x0 > room[0] + 1e-6 or y1 - y0 > room[1] + 1e-6:
+        raise InputError(
+            f"the board is {x1 - x0:g} x {y1 - y0:g} mm, but {page} has room for {room[0]:g} x {room[1]:g} mm: "
+            "take a larger page, or smaller squares"
+        )
+    origin = (size[0] - x0 - x1) / 2, (size[1] - y0 - y1) / 2
+    if kind == "corner-board" and isinstance(target, Checkerboard):
+        origin = (MARGIN_MM - x0 + target.square_mm / 2, MARGIN_MM - y0 + target.square_mm / 2)
+    table = _kind(kind).table
+    side = "side A" if table == "printed" else "side B"
+    block = ", ".join(toml_text(registry.parameters_of(target)).splitlines())
+    scale = f"print at 100 %, then both rulers measure {RULER_MM:g} mm"
+    duplex = "; print duplex, flip on the long edge, so that the crosses of both sides coincide" if two_sided else ""
+    lines = (f"slkit board {kind}, {side}, {page}; {scale}{duplex}", f"[{table}] {block}")
+    crosses = _crosses(size, table == "printed", CROSS_MM) if two_sided else ()
+    return Sheet(size, target, origin, lines, size[0] - 2 * _text_from_side(target), crosses)
+
+
+def _text_from_side(target: Printable) -> float:
+    """Return how far text stays from the sides of the page in mm: clear of the marks in its corners."""
+    if isinstance(target, CornerMarks | BorderMarks):
+        return 3 * MARGIN_MM + 2 * target.cell_mm
+    return 2 * MARGIN_MM
+
+
+def _crosses(size: Size, front: bool, edge: float) -> tuple[tuple[float, float], ...]:
+    """Return three crosses; on the back where a sheet turned about its long edge brings them.
+
+    Three, because four would also coincide when the sheet is turned about its short edge.
+    """
+    width, height = size
+    at = ((edge, edge), (width - edge, edge), (edge, height - edge))
+    if front:
+        return at
+    return tuple((x, height - y) if width > height else (width - x, y) for x, y in at)
+
+
+def _whole(length_mm: float) -> float:
+    """Return a length rounded down to whole mm, or to tenths where it is small."""
+    steps = 1 if length_mm >= 5 else 10
+    return math.floor(length_mm * steps + 1e-9) / steps
+
+
+def _room(page: Size) -> Size:
+    return page[0] - 2 * MARGIN_MM, page[1] - 2 * MARGIN_MM
+
+
+def _turned(counts: Corners, page: Size) -> Corners:
+    """Return counts for a landscape page, turned where the page is portrait."""
+    return counts if page[0] > page[1] else (counts[1], counts[0])
+
+
+def _checkerboard(page: Size, corners: Corners | None, square_mm: float | None) -> Checkerboard:
+    corners = corners or _turned((11, 8), page)
+    return Checkerboard(corners, _square(page, corners) if square_mm is None else square_mm)
+
+
+def _square(page: Size, corners: Corners) -> float:
+    return _whole(min(length / (n + 1) for length, n in zip(_room(page), corners, strict=True)))
+
+
+def _charuco(page: Size, corners: Corners | None, square_mm: float | None) -> Charuco:
+    corners = corners or _turned((11, 8), page)
+    square = _square(page, corners) if square_mm is None else square_mm
+    squares = corners[0] + 1, corners[1] + 1
+    enough = next((n for n in (50, 100, 250) if n >= squares[0] * squares[1] // 2), 1000)
+    return Charuco(squares, square, _whole(0.72 * square), f"4x4_{enough}")
+
+
+def _april_tags(page: Size, corners: Corners | None, square_mm: float | None) -> AprilTags:
+    tags = corners or _turned((7, 5), page)
+    largest = _whole(min(length / (1.3 * n) for length, n in zip(_room(page), tags, strict=True)))
+    tag = largest if square_mm is None else square_mm
+    return AprilTags(tags, tag, _whole(0.3 * tag))
+
+
+def _circles(page: Size, corners: Corners | None, square_mm: float | None) -> CircleGrid:
+    circles = corners or ((6, 9) if page[0] > page[1] else (4, 11))
+    # A disc, and white around it that its detection relies on, beside the outer centres.
+    spans = 2 * circles[0] - 1 + 1.2, circles[1] - 1 + 1.2
+    largest = _whole(min(length / n for length, n in zip(_room(page), spans, strict=True)))
+    spacing = largest if square_mm is None else square_mm
+    return CircleGrid(circles, spacing, _whole(0.8 * spacing), asymmetric=True)
+
+
+def _corner_board(page: Size, corners: Corners | None, square_mm: float | None) -> Checkerboard:
+    return Checkerboard(corners or (7, 6), _whole(min(page) / 18) if square_mm is None else square_mm)
+
+
+def _marks(page: Size, corners: Corners | None, square_mm: float | None) -> CornerMarks:
+    cell = _cell(corners, square_mm, round(min(page) / 25))
+    x, y = (_fives(length / 2 - cell - MARGIN_MM) for length in page)
+    return CornerMarks(((-x, -y), (x, -y), (x, y), (-x, y)), cell)
+
+
+def _border_marks(page: Size, corners: Corners | None, square_mm: float | None) -> BorderMarks:
+    cell = _cell(corners, square_mm, round(min(page) / 32))
+    x, y = (_fives(length / 2 - 1.5 * cell - _MARK_TEXT_MM) for length in page)
+    return BorderMarks((2 * x, 2 * y), cell)
+
+
+def _tag_marks(page: Size, corners: Corners | None, square_mm: float | None) -> TagMarks:
+    tag = _cell(corners, square_mm, round(min(page) / 10))
+    x, y = (_fives(length / 2 - 0.6 * tag - MARGIN_MM) for length in page)
+    return TagMarks(((-x, -y), (x, -y), (x, y), (-x, y)), tag)
+
+
+def _cell(corners: Corners | None, square_mm: float | None, default: float) -> float:
+    if corners is not None:
+        raise InputError("marks have no corners to count: leave --corners away")
+    return float(default) if square_mm is None else square_mm
+
+
+def _fives(length_mm: float) -> float:
+    return 5.0 * math.floor(length_mm / 5)
+
+
+BOARDS = {
+    "checkerboard": _Kind("printed", _checkerboard, "marks"),
+    "charuco": _Kind("printed", _charuco, "marks"),
+    "april-tags": _Kind("printed", _april_tags, "marks"),
+    "circles": _Kind("printed", _circles, "marks"),
+    "marks": _Kind("marks", _marks, "checkerboard"),
+    "border-marks": _Kind("marks", _border_marks, "checkerboard"),
+    "tag-marks": _Kind("marks", _tag_marks, "checkerboard"),
+    "corner-board": _Kind("marks", _corner_board, "checkerboard"),
+}
+"""The boards that can be printed, by name."""

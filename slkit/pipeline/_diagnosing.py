@@ -1,0 +1,149 @@
+"""How far a calibration can be trusted: what predicting left-out views, and its two halves, tell of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from slkit.data import Calibration, Diagnosis, Finding, VolumeMap
+from slkit.errors import CalibrationError, InputError
+from slkit.files import Progress
+from slkit.protocols import Calibrator
+
+_PREDICTS = 3.0
+_NOTICED_PX = 0.3
+_DIFFERS = 4.0
+"""Two halves of the views differ by about twice the uncertainty of the whole: each has half of the points."""
+
+
+def diagnose(calibration: Calibration, calibrator: Calibrator, progress: Progress | None = None) -> Calibration:
+    """Return a calibration with its diagnosis: coverage, parameters, left-out views, and maps over the working volume.
+
+    What cannot be had from so few views, or from a calibrator of another make, is left empty.
+    """
+    from slkit.calibration._verdict import judged
+    from slkit.calibration.diagnose import diagnosed, left_out, with_left_out
+    from slkit.calibration.model import Model
+
+    diagnosis = diagnosed(calibration)
+    model = getattr(calibrator, "model", None)
+    if isinstance(model, Model) and model.release_mm is None:
+        errors = left_out(calibration, model, _tell(progress, "leave views out"))
+        diagnosis = with_left_out(diagnosis, errors, calibration)
+    depths = board_depths(calibration)
+    diagnosis = replace(
+        diagnosis,
+        uncertainty=_uncertainty(calibration, depths),
+        cross_validation=_halves_apart(calibration, calibrator, depths),
+    )
+    verdict = judged(calibration, _findings(calibration, diagnosis))
+    return replace(calibration, diagnosis=diagnosis, verdict=verdict)
+
+
+def board_depths(calibration: Calibration) -> tuple[float, ...]:
+    """Return three depths in mm, the nearest, the middle and the farthest of the boards' middles that light fell on."""
+    depths = [
+        float(r.pose.apply(np.append(np.nanmean(r.view.board_xy[r.view.printed], axis=0), 0.0))[2])
+        for r in calibration.views
+        if r.used and r.pose is not None and r.view is not None and r.view.projected.any() and r.view.printed.any()
+    ]
+    if not depths:
+        return ()
+    low, high = min(depths), max(depths)
+    return (low, (low + high) / 2, high)
+
+
+def diagnosis_table(calibration: Calibration) -> dict[str, Any]:
+    """Return the numbers of a diagnosis as rig.json and --json hold them; px, mm and degrees, by name."""
+    table: dict[str, Any] = {
+        "residuals": {
+            name: {"rows": c.rows, "rejected": c.rejected, "dof": c.dof, "sigma_px": c.sigma_px, "scale": c.scale}
+            for name, c in calibration.classes.items()
+        }
+    }
+    found = calibration.diagnosis
+    if found is None:
+        return table
+    table["devices"] = {
+        name: {
+            "coverage": d.coverage,
+            "depth_mm": d.depth_mm,
+            "tilt_deg": d.tilt_deg,
+            "parameters": {n: {"value": v, "three_sigma": 3 * s} for n, (v, s) in d.parameters.items()},
+        }
+        for name, d in found.devices.items()
+    }
+    table["correlations"] = [list(pair) for pair in found.correlations]
+    table["repeating_px"] = {n: _largest(means) for n, (_, means, _) in found.repeating.items()}
+    table["left_out_px"] = dict(found.left_out_px)
+    table["left_out_rms_px"] = found.left_out_rms_px
+    for name in ("uncertainty", "cross_validation"):
+        volume: VolumeMap | None = getattr(found, name)
+        table[name] = None if volume is None else _volume_table(volume)
+    return table
+
+
+def _largest(means: Any) -> float:
+    return float(np.linalg.norm(means, axis=1).max())
+
+
+def _volume_table(volume: VolumeMap) -> dict[str, Any]:
+    layers = [v[np.isfinite(v)] for v in volume.value_mm]
+    return {
+        "depths_mm": volume.depths_mm,
+        "rms_mm": [float(np.sqrt(np.mean(v**2))) if len(v) else None for v in layers],
+        "max_mm": [float(v.max()) if len(v) else None for v in layers],
+    }
+
+
+def _uncertainty(calibration: Calibration, depths: tuple[float, ...]) -> VolumeMap | None:
+    from slkit.triangulation.uncertainty import uncertainty_map
+
+    if not depths or calibration.rig.covariance is None:
+        return None
+    try:
+        return uncertainty_map(calibration.rig, depths, aligned=True)
+    except InputError:
+        return None
+
+
+def _halves_apart(calibration: Calibration, calibrator: Calibrator, depths: tuple[float, ...]) -> VolumeMap | None:
+    from slkit.calibration.diagnose import halves
+    from slkit.report.measure import volume_difference
+    from slkit.triangulation import ray_plane
+
+    parts = halves([r.view for r in calibration.views if r.used and r.view is not None])
+    if parts is None or not depths:
+        return None
+    try:
+        a, b = (calibrator.solve(part).rig for part in parts)
+        return volume_difference(a, b, ray_plane, depths)
+    except (CalibrationError, InputError):
+        return None
+
+
+def _findings(calibration: Calibration, diagnosis: Diagnosis) -> list[Finding]:
+    findings: list[Finding] = []
+    error, joint = diagnosis.left_out_rms_px, calibration.rms_joint
+    if error > max(_PREDICTS * joint, _NOTICED_PX):
+        fault = f"a view that is left out is predicted to {error:.2f} px only, the others fit to {joint:.2f} px"
+        remedy = (
+            "take more views at more different depths and tilts, or estimate fewer distortion coefficients (--select)"
+        )
+        findings.append(Finding(fault, "", remedy))
+    halves, sigma = diagnosis.cross_validation, diagnosis.uncertainty
+    if halves is not None and sigma is not None and halves.rms_mm > _DIFFERS * sigma.rms_mm:
+        fault = (
+            f"rigs from two halves of the views differ by {halves.rms_mm:.2f} mm; by their noise it would be "
+            f"about {2 * sigma.rms_mm:.2f} mm"
+        )
+        remedy = "something is not in the model: a bent board, a lens that moved, a print that is not exact"
+        findings.append(Finding(fault, "", remedy))
+    return findings
+
+
+def _tell(progress: Progress | None, what: str) -> Callable[[int, int], None] | None:
+    return None if progress is None else lambda done, total: progress(what, done, total)
