@@ -4,7 +4,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 INSTALLED := .venv/.installed
 
-.PHONY: install demo test check faults patterns lock clean
+.PHONY: install demo test check bench faults patterns lock clean
 
 install: $(INSTALLED)
 
@@ -27,6 +27,10 @@ check: $(INSTALLED)
 	$(BIN)/pyright
 	$(BIN)/lint-imports
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+
+# Speeds as ratios within one run.
+bench: $(INSTALLED)
+	$(BIN)/python tests/benchmarks.py
 
 # Makes every mistake of docs/faults.md on purpose and fills its table; takes a while.
 faults: $(INSTALLED)

@@ -39,9 +39,9 @@ SEEDS = 10
 CLEAN = 20
 POSES = {False: 10, True: 6}
 # Pictures are rendered with a camera of so many columns.
-WIDTH = {"planar": 540, "coded": 384}
+WIDTH = {"planar": 540, "coded": 448}
 METHODS = {"planar": "planar", "coded": "local-homography"}
-FRINGES = {"periods": [32], "steps": 3}
+FRINGES = {"periods": [20], "steps": 3}
 # Computed views have no marks that move between two pictures.
 RENDERED = {name for name, fault in FAULTS.items() if fault.pictures} | {"moved-board"}
 BEGIN, END = "<!-- measured: begin -->\n", "<!-- measured: end -->"

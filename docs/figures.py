@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 import slkit
 from slkit.data import Correspondences, Frames, PointCloud
-from slkit.files import write_png
+from slkit.files import read_image, write_png
 from slkit.protocols import Codec
 from slkit.report.figures import VIEWS, draw_cloud
 from slkit.report.measure import cloud_against_truth, volume_error
@@ -31,6 +31,8 @@ PANEL = (300, 225)
 # Steps of grey that the eye does not see at this size, and that make a noisy PNG half as large.
 STEP = 8
 DETAIL = (500, 380)
+REPORT = ("rig-3d", "residual-field-projector", "uncertainty-2")
+REPORT_PANEL = (420, 315)
 SETTINGS: tuple[tuple[str, dict[str, Any]], ...] = (
     ("gray", {"step": 2}),
     ("gray", {"step": 2, "subpixel": True}),
@@ -62,7 +64,7 @@ def main() -> None:
         page.write_text(before + head + "".join(lines) + after, encoding="utf-8")
     pictures(here / "img")
     for codec in (None, "gray", "phase-shift"):
-        print(calibration_row(codec))
+        print(calibration_row(codec, here / "img"))
 
 
 def told(parameters: dict[str, Any]) -> str:
@@ -96,12 +98,15 @@ def column_error(scanner: SimulatedScanner, found: Correspondences) -> tuple[flo
     return float(np.median(np.abs(error[known]))), float(1.4826 * np.median(np.abs(share - np.median(share))))
 
 
-def calibration_row(codec: str | None) -> str:
-    """Return the figures of a calibration with simulated pictures: planar, or local homographies with a codec."""
+def calibration_row(codec: str | None, img: Path) -> str:
+    """Return the figures of a calibration, planar or with a codec; draw what the report of the planar one shows."""
     truth = paper_rig()
     with tempfile.TemporaryDirectory() as folder:
         slkit.simulate_calibration(folder, truth, codec=codec, seed=SEED)
-        found = slkit.calibrate(folder)
+        found = slkit.calibrate(folder, report=f"{folder}/report")
+        if codec is None:
+            panels = [fitted(read_image(Path(folder, "report", f"{name}.png"))) for name in REPORT]
+            write_png(img / "report.png", coarse(np.concatenate(panels, axis=1)))
     error = volume_error(found.rig, truth, ray_plane, VOLUME_MM)
     rms = f"camera {found.rms_camera:.3f}, projector {found.rms_projector:.3f}, joint {found.rms_joint:.3f} px"
     cy = f"cy {found.rig.projector.K[1, 2]:.1f} (true {truth.projector.K[1, 2]:.1f}) px"
@@ -214,6 +219,15 @@ def row(*panels: npt.NDArray[Any]) -> Picture:
         parts.append(cv2.resize(colour, PANEL, interpolation=cv2.INTER_AREA).astype(np.uint8))
     gap = np.full((PANEL[1], 6, 3), 255, np.uint8)
     return coarse(np.concatenate([p for part in parts for p in (part, gap)][:-1], axis=1))
+
+
+def fitted(picture: npt.NDArray[Any]) -> Picture:
+    """Return a picture shrunk into a panel of the report, white around."""
+    scale = min(panel / length for panel, length in zip(REPORT_PANEL, picture.shape[1::-1], strict=True))
+    small = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    panel = np.full((REPORT_PANEL[1], REPORT_PANEL[0], 3), 255, np.uint8)
+    panel[: small.shape[0], : small.shape[1]] = small
+    return panel
 
 
 def coarse(picture: Picture) -> Picture:

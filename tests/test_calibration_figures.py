@@ -75,7 +75,8 @@ def test_joint_adjustment_of_real_boards(captures, name, asked):
     robust = rms(left_out(found, calibrator.model).values())
     print(
         f"{name}: rms_joint {found.rms_joint:.4f} px with {kept} of {total} corners, "
-        f"{everything.rms_joint:.4f} with all, {bent.rms_joint:.4f} with all and the board's warp, OpenCV {opencv_rms:.4f}; "
+        f"{everything.rms_joint:.4f} with all, {bent.rms_joint:.4f} with all and the board's warp, "
+        f"OpenCV {opencv_rms:.4f}; "
         f"leave-one-pose-out {ours:.3f} px with all, OpenCV {theirs:.3f}, {robust:.3f} with the corners kept"
     )
     assert everything.rms_joint <= asked
@@ -126,9 +127,7 @@ def test_a_badly_printed_board_is_released(captures):
     free = adjust(both, poses, views, Model(loss="squares", release_mm=1.0))
     before, after = (rms([f.problem.blocks(f.state)["printed"].error]) for f in (held, free))
     moved = np.linalg.norm(free.state.released[0], axis=1)
-    print(
-        f"printed_corners: {before:.3f} px as printed, {after:.3f} px released; corners move {moved.max():.2f} mm at most"
-    )
+    print(f"printed_corners: {before:.3f} px as printed, {after:.3f} px released, by {moved.max():.2f} mm at most")
     assert after <= 0.72 < 1.1 < before
     assert moved.max() < 4
 

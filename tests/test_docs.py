@@ -13,9 +13,12 @@ from typing import Any
 import pytest
 import typer
 
-from slkit import registry
+from slkit import pipeline, registry
+from slkit.calibration.corner_board import CornerBoard
 from slkit.calibration.local_homography import LocalHomography
+from slkit.calibration.model import Lens, Model
 from slkit.calibration.planar import Planar
+from slkit.calibration.reference_object import ReferenceObject
 from slkit.cli import app
 from slkit.cli._common import parse_settings, parse_size
 from slkit.codecs.gray import Gray
@@ -190,12 +193,28 @@ def told(value: Any) -> str:
         ("methods/phase-shift.md", [PhaseShift, Fringes]),
         ("methods/planar.md", [Planar]),
         ("methods/local-homography.md", [LocalHomography]),
+        ("methods/bundle-adjustment.md", [Model, Lens]),
+        ("methods/corner-board.md", [CornerBoard]),
+        ("methods/reference-object.md", [ReferenceObject]),
         ("methods/simulation.md", [Optics]),
     ],
 )
 def test_parameter_tables_hold_the_defaults(page: str, plugins: list[Any]):
-    fields = [f for plugin in plugins for f in dataclasses.fields(plugin) if f.name != "projector"]
+    # The size of the projector is everywhere the same and in no table; a model's projector is a lens.
+    fields = [f for p in plugins for f in dataclasses.fields(p) if f.name != "projector" or p is Model]
     assert rows(page) == {f.name: told(f.default) for f in fields}
+
+
+def test_boards_page_tells_every_kind_and_shows_what_is_printed(tmp_path: Path):
+    page = DOCS / "boards.md"
+    told_kinds = re.findall(r"^\| `([a-z-]+)` \|", page.read_text(encoding="utf-8"), re.MULTILINE)
+    assert sorted(told_kinds) == sorted(pipeline.BOARDS)
+    (_, text) = blocks(page, "toml")[0]
+    shown = tomllib.loads(text)
+    for kind in re.findall(r"^# slkit board ([a-z-]+) ", text, re.MULTILINE):
+        for name, table in pipeline.write_board(tmp_path / "board.svg", kind).items():
+            assert shown.pop(name) == json.loads(json.dumps(table))
+    assert not shown
 
 
 def test_tour_shows_the_rooms():

@@ -54,7 +54,7 @@ def test_planar_folder(home: Path):
 
 def test_simulate_calibrate_scan_view(home: Path):
     calibration = slkit("calibrate", home / "calib", "-o", home / "rig.json")
-    assert set(calibration) == {"rms_px", "views", "verdict", "rig"}
+    assert set(calibration) == {"rms_px", "views", "verdict", "notes", "diagnosis", "rig"}
     assert set(calibration["rms_px"]) == {"camera", "projector_device", "joint"}
     assert len(calibration["views"]) == 2 * POSES and all(view["used"] for view in calibration["views"])
     assert set(calibration["views"][0]) == {"name", "used", "reason", "rms_px"}

@@ -121,3 +121,15 @@ def test_own_calibration_target(scaled: Callable[[Rig, float], Rig], capsys: pyt
     assert "every promise kept" in told and "4 of 4 views used" in told
     assert figure(told, r"joint ([\d.]+) px") < 0.1
     assert figure(told, r"([\d.]+) mm after the best rigid fit") < 1.0
+
+
+def test_ablation(capsys: pytest.CaptureFixture[str]):
+    table = load("05_ablation").main(seeds=4)
+    told = capsys.readouterr().out
+    error = {name[0]: row["aligned_mm"] for name, row in table.items()}
+    assert figure(told, r"G joint adjustment +([\d.]+)") == pytest.approx(error["G"], abs=1e-3)
+    assert error["A"] > 2.5
+    # C and D differ by less than their scatter over so few seeds.
+    assert error["A"] > error["F"] > error["B"] > max(error["C"], error["D"])
+    assert min(error["C"], error["D"]) > error["E"] > error["G"]
+    assert error["E"] < 0.2 and error["G"] < 0.11

@@ -174,7 +174,8 @@ class Oracle:
             raise IndexError("no corners")
         if value == 0 and self.fault != "credulous":
             return BoardView.unusable(capture.name, (640, 480), "no board was found")
-        return board_view(capture.name, max(value - 1, 0))
+        view = board_view(capture.name, max(value - 1, 0))
+        return replace(view, face=np.zeros(3, dtype=np.intp)) if self.fault == "faceless" else view
 
     def solve(self, views: Sequence[BoardView]) -> Calibration:
         used = [v for v in views if v.problem is None]
@@ -205,6 +206,7 @@ def test_a_calibrator_without_fault_passes() -> None:
         ("flattering", "reports a joint rms of 0.001 px, but with that rig no pose"),
         ("forgetful", "must tell of every view"),
         ("raises", "a blank capture must not make observe"),
+        ("faceless", "face needs one number a row"),
     ],
 )
 def test_each_fault_of_a_calibrator_is_told(fault: str, sentence: str) -> None:

@@ -23,7 +23,7 @@ _LEAST_LEVELS = 20.0
 """Least difference between black and white, in units of the noise, and in levels of an 8-bit picture."""
 _SMOOTH_PX = 0.7
 _WINDOW_PX = (3, 10)
-_SOFT_PX = 1.5
+_SOFT_PX = 1.2
 _SOFT_SHARE = 0.055
 _SOFTER = 1.7
 """An edge is blurred that is wider than this in px (1 sigma) and either than this share of a square, or so many times
@@ -85,7 +85,8 @@ def exposure_findings(looks: Sequence[Look]) -> list[Finding]:
                 f"at a noise of {look.noise:.1f}"
             )
             found.append(Finding(fault, look.view, "expose for longer, or open the aperture", "under-exposed"))
-    return found + _blurred(looks)
+    dark = {f.view for f in found if f.code == "under-exposed"}
+    return found + _blurred([look for look in looks if look.view not in dark])
 
 
 def _blurred(looks: Sequence[Look]) -> list[Finding]:

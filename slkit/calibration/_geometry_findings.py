@@ -29,7 +29,7 @@ _RESAMPLED = 0.025
 _BEND = 5e-4
 """Smallest bend that is named, as a share of the board's diagonal."""
 _ZOOM, _ZOOM_PX, _ZOOM_SHARE = 2e-3, 1.0, 0.1
-"""A lens that changed by less, or whose change explains less of the misfit, is imitated by prints that are not exact."""
+"""A lens that changed by less, or whose change explains less of the misfit, is imitated by inexact prints."""
 _ALIKE_DEG = 8.0
 _ONE_DEPTH = 0.08
 _NINTHS = 4
@@ -55,7 +55,8 @@ def geometry_findings(
         for finding in _told(e, plain, views, boards)
     ]
     if share < _WHOLE:
-        findings = [*_rejected(found, views), *findings]
+        named = {f.view for f in findings if f.code == "moved-board"}
+        findings = [*(f for f in _rejected(found, views) if f.view not in named), *findings]
     aspect = aspect_finding(found)
     if aspect is not None and share < _WHOLE and "keystone" not in [f.code for f in findings]:
         findings.append(aspect)
@@ -86,13 +87,13 @@ def _matters(e: Explanation, found: Adjusted) -> bool:
     rig, size = found.state.rig, np.abs(e.value)
     if e.code in ("keystone", "camera-skew"):
         device = rig.projector if e.code == "keystone" else rig.camera
-        return float(size[0]) * device.size[1] / (2 * device.K[1, 1]) > _VISIBLE_PX
+        return bool(size[0] * device.size[1] / (2 * device.K[1, 1]) > _VISIBLE_PX)
     if e.code == "bent-board":
         return float(size.max()) > _BEND * _diagonal(found, e.where)
     if e.code == "moved-board":
-        return float(size.max()) > _BEND * _diagonal(found, found.problem.board[e.views[0]])
+        return float(size.max()) > _BEND * _diagonal(found, int(found.problem.board[e.views[0]]))
     if e.code == "zoomed":
-        return e.share > _ZOOM_SHARE and (float(size[0]) > _ZOOM or float(size[1:].max()) > _ZOOM_PX)
+        return bool(e.share > _ZOOM_SHARE and (size[0] > _ZOOM or size[1:].max() > _ZOOM_PX))
     return float(size.max()) > _BEND * _diagonal(found, 0)
 
 

@@ -28,6 +28,19 @@ def moved_pose(pose: Pose, motion: Array) -> Pose:
     return Pose(turn @ pose.rotation, pose.translation + motion[3:])
 
 
+def left_jacobian(vector: Array) -> Array:
+    """Return (3, 3) how the turn by a rotation vector (3,) itself turns, in front of it, when the vector changes.
+
+    Source: the left Jacobian of the rotation group.
+    """
+    x, y, z = vector
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    angle = float(np.linalg.norm(vector))
+    if angle < 1e-6:
+        return np.eye(3) + cross / 2
+    return np.eye(3) + (1 - np.cos(angle)) / angle**2 * cross + (angle - np.sin(angle)) / angle**3 * cross @ cross
+
+
 def pose_scale(pose: Pose) -> Array:
     """Return what a motion (6,) of this pose is measured in: radians, and its distance in mm."""
     return np.array([1.0, 1.0, 1.0] + [max(float(np.linalg.norm(pose.translation)), 1e-3)] * 3)

@@ -33,7 +33,14 @@ _VIEW_RATIO = 3.0
 _FEWEST_VIEWS = 5
 """With fewer views that have a class, a bad one cannot be told from the good."""
 _LEAST_PX = 1e-4
+_CALLED = {
+    "printed": "printed points",
+    "marks": "marks",
+    "projected": "projected corners",
+    "decoded": "decoded corners",
+}
 _ROUNDS = 4
+_HALVINGS = 14
 # The median of the squared length of a normal 2-vector of unit variance.
 _MEDIAN = 2 * np.log(2)
 
@@ -104,17 +111,16 @@ def start_of(
 def _robust(problem: Problem, state: State) -> Adjusted:
     kept: Masks = {p.name: np.ones(len(p.view), dtype=bool) for p in problem.parts}
     rejected: dict[int, str] = {}
-    scale = {p.name: 1.0 for p in problem.parts}
     dof = {p.name: 1.0 for p in problem.parts}
     blocks = problem.blocks(state)
-    scale = _scales(problem, blocks, kept, dof, robust=True)
+    level = _levels(problem, blocks, kept, dof, robust=True)
     for round_ in range(_ROUNDS):
         last = round_ == _ROUNDS - 1
-        state, blocks, matrices = minimize(problem, state, _weigher(problem, scale, kept, huber=round_ > 0))
+        state, blocks, matrices = minimize(problem, state, _weigher(problem, level, kept, huber=round_ > 0))
         dof = _shares(problem, matrices, kept)
-        before, scale = scale, _scales(problem, blocks, kept, dof, robust=not last)
-        steady = all(abs(scale[n] / before[n] - 1) < 0.05 for n in scale)
-        changed = _reject(problem, blocks, scale, kept, rejected)
+        before, level = level, _levels(problem, blocks, kept, dof, robust=not last)
+        steady = all(abs(level[n] / before[n] - 1) < 0.05 for n in level)
+        changed = _reject(problem, blocks, level, kept, rejected)
         if steady and not changed and round_ > 0:
             break
     return _finish(problem, state, kept, rejected, huber=True)
@@ -129,14 +135,14 @@ def _finish(problem: Problem, state: State, kept: Masks, rejected: Mapping[int, 
     """Solve to the end with each class weighted by its rms scatter, and take the covariance there."""
     dof = {p.name: 1.0 for p in problem.parts}
     blocks = problem.blocks(state)
-    scale = _scales(problem, blocks, kept, dof, robust=False)
+    level = _levels(problem, blocks, kept, dof, robust=False)
     for _ in range(_ROUNDS):
-        state, blocks, matrices = minimize(problem, state, _weigher(problem, scale, kept, huber))
+        state, blocks, matrices = minimize(problem, state, _weigher(problem, level, kept, huber))
         dof = _shares(problem, matrices, kept)
-        before, scale = scale, _scales(problem, blocks, kept, dof, robust=False)
-        if all(abs(scale[n] / before[n] - 1) < 0.02 for n in scale):
+        before, level = level, _levels(problem, blocks, kept, dof, robust=False)
+        if all(abs(level[n] / before[n] - 1) < 0.02 for n in level):
             break
-    weights = _weigher(problem, scale, kept, huber)(blocks)
+    weights = _weigher(problem, level, kept, huber)(blocks)
     matrices, _ = normal_equations(problem, blocks, weights, state)
     spread = problem.free.spread
     shared = spread.shape[1]
@@ -147,8 +153,8 @@ def _finish(problem: Problem, state: State, kept: Masks, rejected: Mapping[int, 
             len(p.view),
             int((~kept[p.name]).sum()),
             float(dof[p.name] * 2 * kept[p.name].sum()),
-            _sigma_px(p, scale[p.name]),
-            scale[p.name] if p.name == "decoded" else 1.0,
+            _rms(_sigma(p, level[p.name])),
+            _rms(_sigma(p, level[p.name])) / max(_rms(_claimed(p)), _LEAST_PX) if p.name == "decoded" else 1.0,
         )
         for p in problem.parts
     }
@@ -157,12 +163,12 @@ def _finish(problem: Problem, state: State, kept: Masks, rejected: Mapping[int, 
 
 
 def _weigher(
-    problem: Problem, scale: Mapping[str, float], kept: Masks, huber: bool
+    problem: Problem, level: Mapping[str, float], kept: Masks, huber: bool
 ) -> Callable[[Mapping[str, Block]], dict[str, Array]]:
     def weigh(blocks: Mapping[str, Block]) -> dict[str, Array]:
         weights: dict[str, Array] = {}
         for part in problem.parts:
-            sigma = scale[part.name] * _claimed(part)
+            sigma = _sigma(part, level[part.name])
             weight = kept[part.name][:, None] / sigma**2
             if huber:
                 distance = np.linalg.norm(blocks[part.name].error / sigma, axis=1)
@@ -173,33 +179,61 @@ def _weigher(
     return weigh
 
 
-def _claimed(part: Part) -> Array:
-    """Return what is known beforehand of the scatter of each residual, (n, 2): a code's own sigma, else 1."""
+def _sigma(part: Part, level: float) -> Array:
+    """Return the scatter (n, 2) px of the residuals of a class.
+
+    A decoded corner scatters by what its code claims and by what all of them have in common: print, and transfer.
+    """
     if part.name != "decoded":
-        return np.ones((len(part.view), 2))
-    # A code that claims to be far better than the others is not believed.
-    usual = np.nanmedian(part.sigma, axis=0)
-    claimed = np.where(np.isfinite(part.sigma), part.sigma, usual)
-    return np.maximum(claimed, np.maximum(0.3 * usual, 1e-3))
+        return np.full((len(part.view), 2), level)
+    return np.hypot(_claimed(part), level)
 
 
-def _sigma_px(part: Part, scale: float) -> float:
-    return float(scale * np.sqrt(np.mean(_claimed(part) ** 2)))
+def _claimed(part: Part) -> Array:
+    """Return the sigma (n, 2) px that codes claim, the usual one where a code claims nothing."""
+    return np.where(np.isfinite(part.sigma), part.sigma, np.nanmedian(part.sigma, axis=0))
 
 
-def _scales(
+def _levels(
     problem: Problem, blocks: Mapping[str, Block], kept: Masks, dof: Mapping[str, float], robust: bool
 ) -> dict[str, float]:
-    """Return by how much the residuals of each class exceed what was claimed; dof: the share of them that is free."""
-    scales: dict[str, float] = {}
+    """Return the scatter in px of each class, of the decoded one that beyond its claims.
+
+    dof: the share of the residuals that is free. robust: by the median instead of the mean of the squares.
+    """
+    levels: dict[str, float] = {}
     for part in problem.parts:
-        squares = ((blocks[part.name].error / _claimed(part)) ** 2).sum(axis=1)[kept[part.name]]
-        mean = float(np.median(squares)) / _MEDIAN if robust else float(np.mean(squares)) / 2
-        least = _LEAST_PX / (1.0 if part.name != "decoded" else float(np.median(_claimed(part))))
-        scales[part.name] = max(float(np.sqrt(mean / max(dof[part.name], 0.02))), least)
+        mask, free = kept[part.name], max(dof[part.name], 0.02)
+        squares = blocks[part.name].error[mask] ** 2
+        if part.name == "decoded":
+            levels[part.name] = _beyond(squares, _claimed(part)[mask] ** 2, free, robust)
+        else:
+            levels[part.name] = max(float(np.sqrt(_typical(squares, robust) / free)), _LEAST_PX)
     # Where the parameters fit a class at any price its scatter says nothing; it is not believed to be ten times better.
-    camera = max((s for n, s in scales.items() if n != "decoded"), default=0.0)
-    return {n: s if n == "decoded" else max(s, camera / 10) for n, s in scales.items()}
+    camera = max((s for n, s in levels.items() if n != "decoded"), default=0.0)
+    return {n: s if n == "decoded" else max(s, camera / 10) for n, s in levels.items()}
+
+
+def _typical(squares: Array, robust: bool) -> float:
+    """Return the mean of squares (n, 2), or what it would be by their median if they were those of normal noise."""
+    lengths = squares.sum(axis=1)
+    return float(np.median(lengths)) / _MEDIAN if robust else float(lengths.mean()) / 2
+
+
+def _beyond(squares: Array, claimed: Array, free: float, robust: bool) -> float:
+    """Return the scatter in px that explains, beside the claimed variances (n, 2), the squares (n, 2) of residuals."""
+    low, high = 0.0, float(np.sqrt(_typical(squares, robust) / free)) + _LEAST_PX
+    for _ in range(_HALVINGS):
+        middle = (low + high) / 2
+        if _typical(squares / (claimed + middle**2), robust) > free:
+            low = middle
+        else:
+            high = middle
+    return max(high, _LEAST_PX)
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
 
 
 def _shares(problem: Problem, matrices: Mapping[str, Array], kept: Masks) -> dict[str, float]:
@@ -212,18 +246,16 @@ def _shares(problem: Problem, matrices: Mapping[str, Array], kept: Masks) -> dic
 
 
 def _reject(
-    problem: Problem, blocks: Mapping[str, Block], scale: Mapping[str, float], kept: Masks, rejected: dict[int, str]
+    problem: Problem, blocks: Mapping[str, Block], level: Mapping[str, float], kept: Masks, rejected: dict[int, str]
 ) -> bool:
     """Take out the worst view, if any is beyond the test, else single rows; return whether anything changed."""
     from scipy.stats import chi2
 
-    distances = {
-        p.name: np.linalg.norm(blocks[p.name].error / (scale[p.name] * _claimed(p)), axis=1) for p in problem.parts
-    }
+    distances = {p.name: np.linalg.norm(blocks[p.name].error / _sigma(p, level[p.name]), axis=1) for p in problem.parts}
     worst = _worst_view(problem, distances, kept)
     if worst is not None:
         view, name, ratio = worst
-        rejected[view] = f"its {name} points lie {ratio:.1f} times as far from the model as those of the other views"
+        rejected[view] = f"its {_CALLED[name]} lie {ratio:.1f} times as far from the model as those of the other views"
         for part in problem.parts:
             kept[part.name][part.view == view] = False
         return True

@@ -14,6 +14,7 @@ from slkit.calibration._parameters import (
     Array,
     covariance_of,
     homogeneous_zero,
+    left_jacobian,
     moved_pose,
     pose_names,
     pose_scale,
@@ -23,7 +24,7 @@ from slkit.calibration._state import moved_lens
 from slkit.calibration.model import Lens
 from slkit.data import BoardView, Finding
 from slkit.errors import CalibrationError, InputError
-from slkit.geometry import LENS_NAMES, Pinhole, Pose, as_size, homogeneous
+from slkit.geometry import LENS_NAMES, Pinhole, Pose, as_size, homogeneous, project_with_derivatives
 
 _SAME_DEG = 1.0
 """Refinement often takes both planar solutions to one pose; closer than this they are one."""
@@ -110,7 +111,15 @@ def _refine_pose(camera: Pinhole, points: Array, camera_xy: Array, start: Pose) 
     def residuals(motion: Array) -> Array:
         return np.nan_to_num(camera.project(moved_pose(start, motion).apply(points)) - camera_xy, nan=1e6).ravel()
 
-    return moved_pose(start, least_squares(residuals, np.zeros(6), x_scale=pose_scale(start), method="lm").x)
+    def jacobian(motion: Array) -> Array:
+        turned = points @ moved_pose(start, motion).rotation.T
+        _, slope, _ = project_with_derivatives(camera, moved_pose(start, motion).apply(points))
+        # The motion turns about its own, finite, vector: its derivative is that of the turn times this.
+        turn = np.cross(turned[:, None], slope) @ left_jacobian(motion[:3])
+        return np.nan_to_num(np.concatenate([turn, slope], axis=2)).reshape(-1, 6)
+
+    found = least_squares(residuals, np.zeros(6), jac=jacobian, x_scale=pose_scale(start), method="lm")  # pyright: ignore[reportArgumentType]
+    return moved_pose(start, found.x)
 
 
 def solve_projector(

@@ -12,6 +12,7 @@ FAULT_CODES: Mapping[str, str] = MappingProxyType(
         "stale-frame": "a picture still shows the frame before",
         "not-native": "the pattern is resampled to another shape before it is shown",
         "keystone": "the projector's keystone correction warps the pattern",
+        "camera-skew": "the pictures are warped: the camera's pixels are not at right angles",
         "mirrored": "the pattern is shown mirrored",
         "turned": "the pattern is shown turned",
         "wrong-corners": "the number of corners is not that of the board",

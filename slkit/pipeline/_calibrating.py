@@ -13,7 +13,7 @@ from slkit import registry
 from slkit.data import BoardView, Calibration, Capture, Finding, Frames
 from slkit.errors import CalibrationError, DecodeError, FileError, InputError, SlkitError
 from slkit.files import PICTURE_TABLES, CalibrationFolder, Progress, merged, read_calibration, read_image
-from slkit.pipeline._diagnosing import diagnose, diagnosis_table
+from slkit.pipeline._diagnosing import diagnose, diagnosis_table, telling
 from slkit.pipeline._patterns import load_codec
 from slkit.pipeline._reporting import write_report
 from slkit.protocols import Calibrator, Codec
@@ -98,7 +98,7 @@ def calibrate(
 def _selected(
     task: CalibrationTask, calibration: Calibration, progress: Progress | None
 ) -> tuple[CalibrationTask, Calibration]:
-    """Return the calibration with the distortion coefficients that predict left-out views best, and what was compared."""
+    """Return the calibration with the distortion coefficients that predict left-out views best."""
     from slkit.calibration._verdict import judged
     from slkit.calibration.model import Model
     from slkit.calibration.select import select_distortion
@@ -106,8 +106,7 @@ def _selected(
     calibrator: Any = task.calibrator
     if not isinstance(getattr(calibrator, "model", None), Model):
         raise InputError(f"--select needs a calibrator with a field `model`, which {calibration.method} has not")
-    tell = None if progress is None else lambda done, total: progress("compare models", done, total)
-    model, candidates = select_distortion(calibration, calibrator.model, tell)
+    model, candidates = select_distortion(calibration, calibrator.model, telling(progress, "compare models"))
     chosen = dataclasses.replace(calibrator, model=model)
     solved = solve_views(chosen, _views_of(calibration))
     told = [f for f in calibration.verdict.reasons if f not in solved.verdict.reasons and f.view]

@@ -31,7 +31,7 @@ def diagnose(calibration: Calibration, calibrator: Calibrator, progress: Progres
     diagnosis = diagnosed(calibration)
     model = getattr(calibrator, "model", None)
     if isinstance(model, Model) and model.release_mm is None:
-        errors = left_out(calibration, model, _tell(progress, "leave views out"))
+        errors = left_out(calibration, model, telling(progress, "leave views out"))
         diagnosis = with_left_out(diagnosis, errors, calibration)
     depths = board_depths(calibration)
     diagnosis = replace(
@@ -70,8 +70,8 @@ def diagnosis_table(calibration: Calibration) -> dict[str, Any]:
     table["devices"] = {
         name: {
             "coverage": d.coverage,
-            "depth_mm": d.depth_mm,
-            "tilt_deg": d.tilt_deg,
+            "depth_mm": _finite(d.depth_mm),
+            "tilt_deg": _finite(d.tilt_deg),
             "parameters": {n: {"value": v, "three_sigma": 3 * s} for n, (v, s) in d.parameters.items()},
         }
         for name, d in found.devices.items()
@@ -79,11 +79,17 @@ def diagnosis_table(calibration: Calibration) -> dict[str, Any]:
     table["correlations"] = [list(pair) for pair in found.correlations]
     table["repeating_px"] = {n: _largest(means) for n, (_, means, _) in found.repeating.items()}
     table["left_out_px"] = dict(found.left_out_px)
-    table["left_out_rms_px"] = found.left_out_rms_px
+    known = np.isfinite(found.left_out_rms_px)
+    table["left_out_rms_px"] = found.left_out_rms_px if known else None
     for name in ("uncertainty", "cross_validation"):
         volume: VolumeMap | None = getattr(found, name)
         table[name] = None if volume is None else _volume_table(volume)
     return table
+
+
+def _finite(values: tuple[float, float]) -> list[float | None]:
+    """Return numbers as JSON takes them: None for what is not known."""
+    return [v if np.isfinite(v) else None for v in values]
 
 
 def _largest(means: Any) -> float:
@@ -145,5 +151,6 @@ def _findings(calibration: Calibration, diagnosis: Diagnosis) -> list[Finding]:
     return findings
 
 
-def _tell(progress: Progress | None, what: str) -> Callable[[int, int], None] | None:
+def telling(progress: Progress | None, what: str) -> Callable[[int, int], None] | None:
+    """Return a function that reports how many of how many are done of `what`, None where nobody listens."""
     return None if progress is None else lambda done, total: progress(what, done, total)

@@ -144,8 +144,8 @@ def bent(session: Session, strong: bool, rng: Random) -> Session:
 
 
 def saturated(session: Session, strong: bool, rng: Random) -> Session:
-    """Expose a quarter of the poses twice as long, or all of them four times."""
-    return _exposed(session, 4.0 if strong else 2.0, _some(session, 1.0 if strong else 0.25, rng))
+    """Expose a quarter of the poses three times as long, or all of them six times."""
+    return _exposed(session, 6.0 if strong else 3.0, _some(session, 1.0 if strong else 0.25, rng))
 
 
 def under_exposed(session: Session, strong: bool, rng: Random) -> Session:

@@ -179,7 +179,7 @@ def _shortest(a: Doubles, b: Doubles) -> Doubles:
     axis = np.cross(a, b)
     length = float(np.linalg.norm(axis))
     vector = axis / max(length, 1e-12) * np.arctan2(length, float(a @ b))
-    return np.asarray(Pose.from_rotation_vector(vector, np.zeros(3)).rotation)
+    return np.asarray(Pose.from_rotation_vector(vector, np.zeros(3)).rotation, dtype=np.float64)
 
 
 def _flat(xy: Doubles) -> Doubles:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from slkit import pipeline
-from slkit.data import Calibration, Finding, Verdict, ViewResult
+from slkit.data import Calibration, Finding, ResidualClass, Verdict, ViewResult
 from slkit.files import read_provenance, read_rig, write_png
 from slkit.simulation import paper_rig
 
@@ -20,6 +20,7 @@ RESULT = Calibration(
     rms_joint=0.1875,
     covariance={"parameters": ("fx",), "matrix": np.eye(1)},
     verdict=Verdict("usable", (Finding("few views", "", "take more"), Finding("blurred", "side_b/1", "take it again"))),
+    classes={"printed": ResidualClass(88, 2, 150.5, 0.125)},
     notes=("side_b/1: the 4 corner marks were not found", "the board was never near the left border"),
 )
 
@@ -28,8 +29,8 @@ RESULT = Calibration(
 def calls(monkeypatch: pytest.MonkeyPatch) -> list[tuple]:
     made: list[tuple] = []
 
-    def calibrate(folder, method, parameters, progress):
-        made.append((folder, method, parameters, progress))
+    def calibrate(folder, method, parameters, progress, *, select, report):
+        made.append((folder, method, parameters, progress, select, report))
         return RESULT
 
     monkeypatch.setattr(pipeline, "calibrate", calibrate)
@@ -39,11 +40,12 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> list[tuple]:
 def test_text(slkit, calls, tmp_path: Path):
     outcome = slkit("calibrate", "calib", "-o", tmp_path / "rig.json", "--method", "planar", "--set", "window=0.5")
     assert outcome.code == 0 and outcome.err == ""
-    assert calls == [(Path("calib"), "planar", {"window": 0.5}, None)]
+    assert calls == [(Path("calib"), "planar", {"window": 0.5}, None, False, None)]
     lines = outcome.out.splitlines()
     assert any("side_a/0" in x and "yes" in x and "0.125" in x and "-" in x for x in lines)
     assert any("side_b/1" in x and "no" in x and "marks were not found" in x for x in lines)
     assert "rms: camera 0.125 px, projector 0.250 px, joint 0.188 px (planar)" in lines
+    assert "printed: 88 points, 2 rejected, 0.125 px a coordinate" in lines
     assert "verdict: usable" in lines and "  few views; take more" in lines
     assert "  side_b/1: blurred; take it again" in lines
     assert [x for x in lines if x.startswith("note: ")] == ["note: the board was never near the left border"]
@@ -71,13 +73,25 @@ def test_json(slkit, calls, tmp_path: Path):
         "verdict": {
             "grade": "usable",
             "reasons": [
-                {"fault": "few views", "view": "", "remedy": "take more"},
-                {"fault": "blurred", "view": "side_b/1", "remedy": "take it again"},
+                {"fault": "few views", "view": "", "remedy": "take more", "code": ""},
+                {"fault": "blurred", "view": "side_b/1", "remedy": "take it again", "code": ""},
             ],
+        },
+        "notes": list(RESULT.notes),
+        "diagnosis": {
+            "residuals": {"printed": {"rows": 88, "rejected": 2, "dof": 150.5, "sigma_px": 0.125, "scale": 1.0}}
         },
         "rig": str(tmp_path / "rig.json"),
     }
     np.testing.assert_array_equal(read_rig(tmp_path / "rig.json").camera.K, paper_rig().camera.K)
+
+
+def test_options_reach_the_pipeline(slkit, calls, tmp_path: Path):
+    options = ("--no-refine", "--select", "--report", tmp_path / "page", "--set", "model.warp=true")
+    outcome = slkit("calibrate", "calib", "-o", tmp_path / "rig.json", *options)
+    assert outcome.code == 0
+    assert calls == [(Path("calib"), None, {"model": {"warp": True, "refine": False}}, None, True, tmp_path / "page")]
+    assert outcome.out.splitlines()[-1] == f"report: {tmp_path / 'page' / 'report.html'}"
 
 
 def test_faults_leave_no_file(slkit, tmp_path: Path):

@@ -39,7 +39,7 @@ def test_usage_errors(slkit, arguments):
 def test_help_names_every_verb(slkit):
     outcome = slkit("--help")
     assert outcome.code == 0
-    for verb in ("patterns", "simulate", "calibrate", "scan", "rig", "view", "plugins"):
+    for verb in ("patterns", "board", "simulate", "calibrate", "scan", "rig", "view", "plugins"):
         assert f"\n  {verb} " in outcome.out
 
 

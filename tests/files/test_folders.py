@@ -107,7 +107,11 @@ def test_coded_poses(tmp_path: Path):
         ("[1280, 800]", "[1280, -800]", "projector"),
         ('images = "side_a/*.png"', "", "names no pictures"),
         ("side_a/*.png", "elsewhere/*.png", "printed.images: no picture in"),
-        ("[own-table]", '[own-table]\nimages = "*.png"', "only printed, marks, projected can have images"),
+        (
+            "[own-table]",
+            '[own-table]\nimages = "*.png"',
+            "only printed, marks, corner_board, solid, projected can have images",
+        ),
         ('images = "side_a/*.png"', "images = {x = 'a'}", "printed.images must be a pattern"),
         ("[own-table]", '[coded]\nposes = "p*"\ncodec = "gray"', "'anything' is no key"),
         ("[own-table]\nanything = 3", '[coded]\nposes = "p*"\ncodec = "gray"', "no folder in .* matches 'p\\*'"),

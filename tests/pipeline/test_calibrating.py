@@ -107,7 +107,9 @@ def test_faults_name_file_and_key(tmp_path: Path, old: str, new: str, message: s
 
 @pytest.mark.usefixtures("recorder")
 def test_unknown_method(tmp_path: Path):
-    with pytest.raises(PluginError, match="no calibrator called 'magic'; installed are: local-homography, planar"):
+    with pytest.raises(
+        PluginError, match="no calibrator called 'magic'; installed are: corner-board, local-homography, planar, ref"
+    ):
         pipeline.calibrate(folder_of_pictures(tmp_path, "a/1.png"), "magic")
 
 
@@ -159,7 +161,7 @@ def test_a_pose_with_a_frame_too_few_is_dropped_and_named(coded: Path, tmp_path:
     calibration = pipeline.calibrate(folder, progress=lambda *step: told.append(step))
     reasons = {v.name: v.reason for v in calibration.views if not v.used}
     assert list(reasons) == ["pose1"] and "missing 002_" in reasons["pose1"]
-    assert told[-1] == ("solve", 1, 1)
+    assert ("solve", 1, 1) in told
     for pose in ("pose2", "pose3"):
         sorted((folder / pose).glob("*.png"))[0].unlink()
     with pytest.raises(CalibrationError, match="1 of 4 coded views can be used.*pose1: .*pose2: .*pose3: "):
