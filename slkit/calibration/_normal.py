@@ -140,11 +140,15 @@ def cost(problem: Problem, blocks: Mapping[str, Block], weights: Mapping[str, Ar
 
 
 def minimize(
-    problem: Problem, state: State, weigh: Callable[[Mapping[str, Block]], Mapping[str, Array]]
+    problem: Problem,
+    state: State,
+    weigh: Callable[[Mapping[str, Block]], Mapping[str, Array]],
+    tolerance: float = 1e-9,
 ) -> tuple[State, dict[str, Block], dict[str, Array]]:
     """Return the state of least weighted squares, its residuals, and J^T W J of each class there.
 
-    weigh: from the residuals of the start to the weights, which then stay. Source: Levenberg and Marquardt, with the
+    weigh: from the residuals of the start to the weights, which then stay; tolerance: of the squares, as a share of
+    them, at which it stops. Source: Levenberg and Marquardt, with the
     damping of each parameter in proportion to its curvature.
     """
     blocks = problem.blocks(state)
@@ -158,7 +162,7 @@ def minimize(
         better = False
         while damping < _LARGEST_DAMPING:
             step = _solve(scaled + damping * np.eye(len(scaled)), -gradient / scale) / scale
-            if -float(gradient @ step) < 1e-9 * here + 1e-18:
+            if -float(gradient @ step) < tolerance * here + 1e-18:
                 return state, blocks, matrices
             moved = _step(problem, state, step)
             with np.errstate(all="ignore"):

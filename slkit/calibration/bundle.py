@@ -40,6 +40,8 @@ _CALLED = {
     "decoded": "decoded corners",
 }
 _ROUNDS = 4
+_ROUGHLY = 1e-3
+"""Rounds that only weigh and reject need not be solved to the last digit."""
 _HALVINGS = 14
 # The median of the squared length of a normal 2-vector of unit variance.
 _MEDIAN = 2 * np.log(2)
@@ -116,10 +118,10 @@ def _robust(problem: Problem, state: State) -> Adjusted:
     level = _levels(problem, blocks, kept, dof, robust=True)
     for round_ in range(_ROUNDS):
         last = round_ == _ROUNDS - 1
-        state, blocks, matrices = minimize(problem, state, _weigher(problem, level, kept, huber=round_ > 0))
+        state, blocks, matrices = minimize(problem, state, _weigher(problem, level, kept, huber=round_ > 0), _ROUGHLY)
         dof = _shares(problem, matrices, kept)
         before, level = level, _levels(problem, blocks, kept, dof, robust=not last)
-        steady = all(abs(level[n] / before[n] - 1) < 0.05 for n in level)
+        steady = _steady(problem, before, level, 0.05)
         changed = _reject(problem, blocks, level, kept, rejected)
         if steady and not changed and round_ > 0:
             break
@@ -140,7 +142,7 @@ def _finish(problem: Problem, state: State, kept: Masks, rejected: Mapping[int, 
         state, blocks, matrices = minimize(problem, state, _weigher(problem, level, kept, huber))
         dof = _shares(problem, matrices, kept)
         before, level = level, _levels(problem, blocks, kept, dof, robust=False)
-        if all(abs(level[n] / before[n] - 1) < 0.02 for n in level):
+        if _steady(problem, before, level, 0.02):
             break
     weights = _weigher(problem, level, kept, huber)(blocks)
     matrices, _ = normal_equations(problem, blocks, weights, state)
@@ -230,6 +232,12 @@ def _beyond(squares: Array, claimed: Array, free: float, robust: bool) -> float:
         else:
             high = middle
     return max(high, _LEAST_PX)
+
+
+def _steady(problem: Problem, before: Mapping[str, float], now: Mapping[str, float], share: float) -> bool:
+    """Tell whether the scatter of every class has changed by less than a share of it."""
+    was, is_now = (np.array([_rms(_sigma(p, level[p.name])) for p in problem.parts]) for level in (before, now))
+    return bool(np.all(np.abs(is_now / was - 1) < share))
 
 
 def _rms(values: Array) -> float:

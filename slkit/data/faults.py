@@ -12,7 +12,6 @@ FAULT_CODES: Mapping[str, str] = MappingProxyType(
         "stale-frame": "a picture still shows the frame before",
         "not-native": "the pattern is resampled to another shape before it is shown",
         "keystone": "the projector's keystone correction warps the pattern",
-        "camera-skew": "the pictures are warped: the camera's pixels are not at right angles",
         "mirrored": "the pattern is shown mirrored",
         "turned": "the pattern is shown turned",
         "wrong-corners": "the number of corners is not that of the board",
@@ -28,7 +27,8 @@ FAULT_CODES: Mapping[str, str] = MappingProxyType(
         "zoomed": "the camera's lens changed between views",
         "exif-rotated": "a picture is turned by 90 degrees",
         "other-size": "a picture is of another size",
+        "camera-skew": "the pictures are warped: the camera's pixels are not at right angles",
         "gamma": "the projector's response bends the waves of coded light",
     }
 )
-"""Code and meaning of every fault that the simulator makes and a verdict may name in `Finding.code`."""
+"""Code and meaning of every fault that a verdict may name in `Finding.code`; camera-skew is the one not simulated."""
