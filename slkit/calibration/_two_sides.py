@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from slkit.calibration import solve
 from slkit.calibration._observe import Marks, Printed, Projected, observe_printed, observe_white
-from slkit.calibration.detect import picture_size, wrong_size
+from slkit.calibration.detect import picture_size, usual_size, wrong_size
 from slkit.calibration.model import Lens
 from slkit.data import BoardView, Capture, Image
 from slkit.errors import CalibrationError
@@ -37,10 +37,9 @@ def observe_sides(
 ) -> list[BoardView]:
     """Return one view a capture: printed corners of side A, or what gives the pose of side B and projected corners.
 
-    A picture in which nothing is found, or of another size than the first, becomes a view that says so.
+    A picture in which nothing is found, or of another size than most, becomes a view that says so.
     """
-    sizes = [picture_size(picture) for c in captures if (picture := _picture(c)) is not None]
-    size = sizes[0] if sizes else (1, 1)
+    size = usual_size([picture for c in captures if (picture := _picture(c)) is not None])
     return [_observe(c, size, printed, marks, projected) for c in captures]
 
 

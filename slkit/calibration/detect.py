@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import cv2
@@ -39,9 +40,15 @@ def picture_size(picture: Image) -> tuple[int, int]:
     return picture.shape[1], picture.shape[0]
 
 
+def usual_size(pictures: Sequence[Image]) -> tuple[int, int]:
+    """Return width and height in px that most pictures have, the first of those that do; (1, 1) without pictures."""
+    sizes = Counter(picture_size(p) for p in pictures)
+    return sizes.most_common(1)[0][0] if sizes else (1, 1)
+
+
 def wrong_size(picture: Image, size: tuple[int, int]) -> str:
-    """Return why a picture cannot go with a first one of size (w, h)."""
-    return f"its picture is {describe_image(picture)}, the first is {size[0]} x {size[1]} px"
+    """Return why a picture cannot go with others of size (w, h)."""
+    return f"its picture is {describe_image(picture)}, most are {size[0]} x {size[1]} px"
 
 
 def find_checkerboard(

@@ -15,7 +15,15 @@ import numpy as np
 import numpy.typing as npt
 
 from slkit.calibration import solve
-from slkit.calibration.detect import Corners, find_checkerboard, picture_size, spacing_of, to_8bit, wrong_size
+from slkit.calibration.detect import (
+    Corners,
+    find_checkerboard,
+    picture_size,
+    spacing_of,
+    to_8bit,
+    usual_size,
+    wrong_size,
+)
 from slkit.calibration.estimate import estimate
 from slkit.calibration.model import Model
 from slkit.data import BoardView, Calibration, Capture, Correspondences
@@ -52,8 +60,8 @@ class LocalHomography:
 
         A capture without a board, or whose code is silent around most corners, becomes a view that says so.
         """
-        sizes = [picture_size(c.lit) for c in captures if c.lit is not None]
-        return [self._observe(capture, sizes[0] if sizes else (1, 1)) for capture in captures]
+        size = usual_size([c.lit for c in captures if c.lit is not None])
+        return [self._observe(capture, size) for capture in captures]
 
     def solve(self, views: Sequence[BoardView]) -> Calibration:
         """Return the rig that fits all printed corners in camera and projector best, each weighted by its own scatter.

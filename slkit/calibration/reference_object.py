@@ -17,7 +17,7 @@ from slkit.calibration import solve
 from slkit.calibration._faces import observe_solid
 from slkit.calibration._observe import Printed, observe_printed
 from slkit.calibration.bundle import adjust
-from slkit.calibration.detect import picture_size, wrong_size
+from slkit.calibration.detect import picture_size, usual_size, wrong_size
 from slkit.calibration.estimate import estimate
 from slkit.calibration.model import Model
 from slkit.calibration.surfaces import Solid, Surface
@@ -62,10 +62,10 @@ class ReferenceObject:
     def observe(self, captures: Sequence[Capture]) -> list[BoardView]:
         """Return one view a capture: printed and projected corners of the object, each with its face; or side A.
 
-        A picture in which nothing is found, or of another size than the first, becomes a view that says so.
+        A picture in which nothing is found, or of another size than most, becomes a view that says so.
         """
-        sizes = [picture_size(p) for c in captures for p in (c.printed, c.marks) if p is not None]
-        return [self._observe(capture, sizes[0] if sizes else (1, 1)) for capture in captures]
+        size = usual_size([p for c in captures for p in (c.printed, c.marks) if p is not None])
+        return [self._observe(capture, size) for capture in captures]
 
     def solve(self, views: Sequence[BoardView]) -> Calibration:
         """Return the rig: camera and poses from all printed points at once, then the projector, then all together.

@@ -228,6 +228,6 @@ BOARDS = {
     "marks": _Kind("marks", _marks, "checkerboard"),
     "border-marks": _Kind("marks", _border_marks, "checkerboard"),
     "tag-marks": _Kind("marks", _tag_marks, "checkerboard"),
-    "corner-board": _Kind("marks", _corner_board, "checkerboard"),
+    "corner-board": _Kind("corner_board", _corner_board, "checkerboard"),
 }
 """The boards that can be printed, by name."""

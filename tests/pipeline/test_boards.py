@@ -25,8 +25,8 @@ def pages(path: Path) -> list[np.ndarray]:
 
 
 def target_of(table: dict, side: str):
-    """The target that a table of calibration.toml means to the planar calibration."""
-    if side == "marks" and "corners" in table:
+    """The target that a table of calibration.toml means to the calibrations by two-sided boards."""
+    if side == "corner_board":
         return registry.create(Checkerboard, table, "board")
     sides = {
         "printed": {"corners": [3, 3], "square_mm": 1},
