@@ -96,7 +96,7 @@ def split(views: Sequence[BoardView], board: Sequence[int]) -> tuple[list[Part],
                 np.concatenate([v.camera_xy[r] for v, r in taken]),
                 np.concatenate([v.projector_xy[r] for v, r in taken]),
                 np.concatenate([v.sigma[r] for v, r in taken]),
-                np.concatenate([face_of(v)[r] for v, r in taken]),
+                np.concatenate([v.faces[r] for v, r in taken]),
                 np.array(point, dtype=np.intp),
             )
         )
@@ -206,11 +206,6 @@ def _shown(part: Part, state: State, board: Ints, number: int) -> slice | npt.ND
     return slice(None) if len(state.surfaces) == 1 else board[part.view] == number
 
 
-def face_of(view: BoardView) -> Ints:
-    """Return the face (n,) of each row of a view, 0 on a board."""
-    return np.zeros(len(view.camera_xy), dtype=np.intp) if view.face is None else view.face
-
-
 def _key(view: BoardView) -> Array:
     """Return what names a printed point: its place to a nanometre, and its face, (n, 3)."""
-    return np.column_stack([np.round(view.board_xy, 6), face_of(view).astype(np.float64)])
+    return np.column_stack([np.round(view.board_xy, 6), view.faces.astype(np.float64)])

@@ -102,8 +102,7 @@ def _kept(result: ViewResult) -> BoardView:
     view, kept = result.view, result.kept
     if view is None or kept is None:
         raise ValueError(f"{result.name} was not used")
-    columns = {n: getattr(view, n)[kept] for n in ("board_xy", "camera_xy", "projector_xy", "sigma")}
-    return replace(view, **columns)
+    return view.select(kept)
 
 
 def _enough(views: Sequence[BoardView]) -> bool:

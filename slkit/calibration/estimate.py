@@ -11,7 +11,7 @@ import numpy.typing as npt
 from slkit.calibration import solve
 from slkit.calibration._geometry_findings import geometry_findings
 from slkit.calibration._parameters import Array, rms
-from slkit.calibration._residuals import face_of, places
+from slkit.calibration._residuals import places
 from slkit.calibration._sequence import in_sequence
 from slkit.calibration._verdict import verdict_of
 from slkit.calibration.bundle import Adjusted, adjust
@@ -62,7 +62,7 @@ def points_of(camera: Pinhole, pose: Pose, view: BoardView, surface: Surface | N
 
     surface: of the target, None for a flat sheet.
     """
-    printed, face = view.printed, face_of(view)
+    printed, face = view.printed, view.faces
     surface = surface or Sheet(np.zeros(2), np.zeros(2), np.ones(2))
     local = np.empty((len(printed), 3))
     local[printed] = surface.place(view.board_xy[printed], face[printed])

@@ -7,7 +7,7 @@ way to calibrate from one shot; Zhang (2000) for the first guess.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
@@ -103,8 +103,8 @@ class ReferenceObject:
 
         Every face is a plane of Zhang's for a first guess; then the faces of an object keep their angles.
         """
-        printed = [_rows(v, v.printed) for v in views]
-        planes = [(i, f, _rows(v, mask)) for i, v in enumerate(printed) for f, mask in _faces(v).items()]
+        printed = [v.select(v.printed) for v in views]
+        planes = [(i, f, v.select(mask)) for i, v in enumerate(printed) for f, mask in _faces(v).items()]
         camera, found = solve.calibrate_camera([p for *_, p in planes], views[0].image_size, self.model.camera)
         poses: list[Pose] = []
         for i, view in enumerate(views):
@@ -120,12 +120,5 @@ class ReferenceObject:
 
 def _faces(view: BoardView) -> dict[int, npt.NDArray[np.bool_]]:
     """Return the rows (n,) of printed points by face, for faces that show enough of them; a board is its face 0."""
-    face = np.zeros(len(view.camera_xy), dtype=np.intp) if view.face is None else view.face
-    masks = {int(f): view.printed & (face == f) for f in np.unique(face)}
+    masks = {int(f): view.printed & (view.faces == f) for f in np.unique(view.faces)}
     return {f: mask for f, mask in masks.items() if mask.sum() >= _FEWEST_POINTS}
-
-
-def _rows(view: BoardView, mask: npt.NDArray[np.bool_]) -> BoardView:
-    names = ("board_xy", "camera_xy", "projector_xy", "sigma")
-    face = None if view.face is None else view.face[mask]
-    return replace(view, **{name: getattr(view, name)[mask] for name in names}, face=face)

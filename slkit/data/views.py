@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -55,6 +55,16 @@ class BoardView:
         """Return a view without rows that says why."""
         empty = np.empty((0, 2))
         return cls(name, image_size, empty, empty, empty, empty, problem)
+
+    def select(self, keep: npt.NDArray[Any]) -> BoardView:
+        """Return the view with the rows named by a mask (n,) or by indices."""
+        columns = {name: getattr(self, name)[keep] for name in ("board_xy", "camera_xy", "projector_xy", "sigma")}
+        return replace(self, **columns, face=None if self.face is None else self.face[keep])
+
+    @property
+    def faces(self) -> npt.NDArray[np.intp]:
+        """The face (n,) of each row, 0 on a board."""
+        return np.zeros(len(self.camera_xy), dtype=np.intp) if self.face is None else self.face
 
     @property
     def printed(self) -> npt.NDArray[np.bool_]:

@@ -103,10 +103,7 @@ def _kept(view: BoardView, reported: ViewResult) -> BoardView:
     """Return the view without the rows that were rejected: the reported figures leave them out."""
     if reported.kept is None:
         return view
-    mask = reported.kept
-    names = ("board_xy", "camera_xy", "projector_xy", "sigma")
-    face = None if view.face is None else view.face[mask]
-    return dataclasses.replace(view, **{name: getattr(view, name)[mask] for name in names}, face=face)
+    return view.select(reported.kept)
 
 
 def _least_rms(rig: Rig, view: BoardView, surface: Surface | None) -> float:
@@ -114,7 +111,7 @@ def _least_rms(rig: Rig, view: BoardView, surface: Surface | None) -> float:
     import cv2
     from scipy.optimize import least_squares
 
-    shape, face = surface or Sheet.flat(view.board_xy[view.printed]), _faces(view)
+    shape, face = surface or Sheet.flat(view.board_xy[view.printed]), view.faces
     places = shape.place(view.board_xy[view.printed], face[view.printed])
     undistorted = rig.camera.normalize(view.camera_xy[view.printed])
     flags = cv2.SOLVEPNP_IPPE if surface is None else cv2.SOLVEPNP_SQPNP
@@ -134,14 +131,10 @@ def _residuals(rig: Rig, pose: Pose, view: BoardView, surface: Surface) -> npt.N
 
     A projected row that is not printed lies where its camera ray meets the surface.
     """
-    printed, face = view.printed, _faces(view)
+    printed, face = view.printed, view.faces
     rays = homogeneous(rig.camera.normalize(view.camera_xy)) @ pose.rotation
     local = surface.intersect(np.tile(pose.inverse().translation, (len(rays), 1)), rays, face)[0]
     local[printed] = surface.place(view.board_xy[printed], face[printed])
     xyz = pose.apply(local)
     camera = rig.camera.project(xyz[printed]) - view.camera_xy[printed]
     return np.concatenate([camera, rig.to_projector(xyz[view.projected]) - view.projector_xy[view.projected]])
-
-
-def _faces(view: BoardView) -> npt.NDArray[np.intp]:
-    return np.zeros(len(view.camera_xy), dtype=np.intp) if view.face is None else view.face
