@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from slkit.calibration._exposure import Singles, grey
+from slkit.calibration.detect import Singles, grey
 from slkit.data import Finding, Image
 from slkit.geometry import Floats
 

@@ -8,12 +8,10 @@ from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from slkit.calibration.detect import Singles, grey
 from slkit.data import Finding, Image
 from slkit.geometry import Floats
-
-Singles = npt.NDArray[np.float32]
 
 _FULL = 254
 _CLIPPED_SHARE = 0.25
@@ -101,11 +99,6 @@ def _blurred(looks: Sequence[Look]) -> list[Finding]:
                 remedy = "focus both devices on the board, hold it still, and expose for a shorter time"
                 found.append(Finding(fault, look.view, remedy, "blurred"))
     return found
-
-
-def grey(picture: Image) -> Singles:
-    """Return a picture (h, w) or (h, w, 3) as grey levels (h, w)."""
-    return picture.astype(np.float32) if picture.ndim == 2 else picture.mean(axis=2, dtype=np.float32)
 
 
 def noise_of(levels: Singles) -> float:

@@ -6,15 +6,13 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from slkit.calibration._hypotheses import Explanation, Score
+from slkit.calibration._hypotheses import CHANCE, Explanation, Score
 from slkit.calibration._parameters import Array
 from slkit.calibration.bundle import Adjusted
 from slkit.calibration.diagnose import coverage
 from slkit.data import BoardView, Finding
-from slkit.geometry import Pose
+from slkit.geometry import Pose, Rig
 
-_CHANCE = 1e-6
-"""How likely noise alone may imitate an explanation that is believed."""
 _NEARLY = 0.6
 """Explanations that take away this share of what the best one does are as good as it."""
 _RIVAL = 0.4
@@ -31,7 +29,7 @@ _BEND = 5e-4
 _ZOOM, _ZOOM_PX, _ZOOM_SHARE = 2e-3, 1.0, 0.1
 """A lens that changed by less, or whose change explains less of the misfit, is imitated by inexact prints."""
 _ALIKE_DEG = 8.0
-_ONE_DEPTH = 0.08
+_ONE_DEPTH = 0.05
 _NINTHS = 4
 
 
@@ -43,7 +41,8 @@ def geometry_findings(
     found: as adjusted; plain: adjusted without rejecting anything, for the explanation of a misfit may have been
     rejected with the rows. boards: how to call each board in a sentence.
     """
-    credible = [e for e in Score(plain).explanations(views) if e.chance < _CHANCE and _matters(e, plain)]
+    score = Score(plain)
+    credible = [e for e in score.explanations(views) if e.chance < CHANCE and _matters(e, score, plain.state.rig)]
     top = max((e.share for e in credible), default=0.0)
     # Of explanations that do nearly as well the one with the fewest parameters is taken.
     best = max((e for e in credible if e.share > _NEARLY * top), key=lambda e: e.f, default=None)
@@ -52,7 +51,7 @@ def geometry_findings(
         finding
         for e in sorted(credible, key=lambda e: (e is not best, -e.share))
         if e is best or (e.share > _RIVAL * share and e.code != "moved-board")
-        for finding in _told(e, plain, views, boards)
+        for finding in _told(e, views, boards)
     ]
     if share < _WHOLE:
         named = {f.view for f in findings if f.code == "moved-board"}
@@ -82,29 +81,18 @@ def _moved(view: str, evidence: str) -> Finding:
     )
 
 
-def _matters(e: Explanation, found: Adjusted) -> bool:
+def _matters(e: Explanation, score: Score, rig: Rig) -> bool:
     """Tell whether an explanation moves points by more than a trifle."""
-    rig, size = found.state.rig, np.abs(e.value)
+    size = np.abs(e.value)
     if e.code in ("keystone", "camera-skew"):
         device = rig.projector if e.code == "keystone" else rig.camera
         return bool(size[0] * device.size[1] / (2 * device.K[1, 1]) > _VISIBLE_PX)
-    if e.code == "bent-board":
-        return float(size.max()) > _BEND * _diagonal(found, e.where)
-    if e.code == "moved-board":
-        return float(size.max()) > _BEND * _diagonal(found, int(found.problem.board[e.views[0]]))
     if e.code == "zoomed":
         return bool(e.share > _ZOOM_SHARE and (size[0] > _ZOOM or size[1:].max() > _ZOOM_PX))
-    return float(size.max()) > _BEND * _diagonal(found, 0)
+    return float(size.max()) > _BEND * score.diagonal(e.where)
 
 
-def _diagonal(found: Adjusted, board: int) -> float:
-    """Return the diagonal in mm of a board's points."""
-    blocks = found.problem.blocks(found.state)
-    points = [blocks[p.name].local[found.problem.board[p.view] == board] for p in found.problem.parts]
-    return float(np.linalg.norm(np.ptp(np.concatenate(points)[:, :2], axis=0)))
-
-
-def _told(e: Explanation, found: Adjusted, views: Sequence[BoardView], boards: Sequence[str]) -> list[Finding]:
+def _told(e: Explanation, views: Sequence[BoardView], boards: Sequence[str]) -> list[Finding]:
     """Return what an explanation means to the user; one that concerns several views on their own, once a view."""
     if e.code == "moved-board":
         rises = e.value.reshape(-1, 3)[:, 0]

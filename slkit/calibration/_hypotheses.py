@@ -13,13 +13,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from slkit.calibration._parameters import Array
-from slkit.calibration._residuals import Block
+from slkit.calibration._residuals import Block, Ints
 from slkit.calibration._state import MOTION
 from slkit.calibration.bundle import Adjusted
 from slkit.calibration.surfaces import Sheet
 from slkit.data import BoardView
 
-_UNLIKELY = 1e-6
+CHANCE = 1e-6
+"""How likely noise alone may imitate an explanation that is believed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +54,6 @@ class Score:
     """The score tests of one adjusted calibration."""
 
     def __init__(self, found: Adjusted) -> None:
-        self._found = found
         self._problem, self._state = found.problem, found.state
         self._blocks: Mapping[str, Block] = found.problem.blocks(found.state)
         self._names = [p.name for p in self._problem.parts]
@@ -112,19 +112,17 @@ class Score:
         share = taken / max(total, 1e-300)
         return Explanation(code, value / left, sigma / left, share, f, chance, tuple(views), where)
 
-    def shared(self, index: Sequence[int], only: Mapping[str, Array] | None = None) -> dict[str, Array]:
-        """Return the derivatives over shared parameters, per class; only: masks (n,) of the rows that they concern."""
-        columns: dict[str, Array] = {}
-        for name in self._names:
-            found = self._blocks[name].shared[:, :, list(index)]
-            columns[name] = found if only is None else found * only[name][:, None, None]
-        return columns
+    def diagonal(self, board: int) -> float:
+        """Return the diagonal in mm of a board's points."""
+        parts = self._problem.parts
+        points = [self._blocks[p.name].local[self._problem.board[p.view] == board] for p in parts]
+        return float(np.linalg.norm(np.ptp(np.concatenate(points)[:, :2], axis=0)))
 
     def explanations(self, views: Sequence[BoardView]) -> Iterator[Explanation]:
         """Test every mistake of geometry: skewed pixels, bent boards, misplaced marks, a lens that changed."""
         free = np.abs(self._problem.free.spread).sum(axis=1) > 0
         found = [
-            self.test(code, self.shared([first + 4]))
+            self.test(code, {n: self._blocks[n].shared[:, :, [first + 4]] for n in self._names})
             for code, first in (("camera-skew", 0), ("keystone", 10))
             if not free[first + 4] and free[first]
         ]
@@ -132,7 +130,7 @@ class Score:
             first = MOTION + 2 * board
             if isinstance(surface, Sheet) and not free[first]:
                 found.append(self._bend(board, surface))
-        found += [self._marks(), self._moved(), *self._changes(views)]
+        found += [self._marks(), self._moved(), self._changes(views)]
         return (e for e in found if e is not None)
 
     def _bend(self, board: int, sheet: Sheet) -> Explanation | None:
@@ -156,7 +154,8 @@ class Score:
         slope = self._blocks["marks"].pose[:, :, 3:] @ turns[:, :, :2]
         # A shift of all marks together is a shift of the board: the last two stay where they are.
         columns = [slope * (part.point == number)[:, None, None] for number in numbers[: max(len(numbers) - 2, 1)]]
-        return self.test("wrong-marks", {"marks": np.concatenate(columns, axis=2)})
+        board = int(self._problem.board[part.view[0]])
+        return self.test("wrong-marks", {"marks": np.concatenate(columns, axis=2)}, where=board)
 
     def _moved(self) -> Explanation | None:
         """Test in which views the board lay elsewhere when the pattern was shown: a rise in mm and two tilts a view.
@@ -174,11 +173,15 @@ class Score:
             int(v): self.test("moved-board", {"projected": whole * (part.view == v)[:, None, None]}, [int(v)])
             for v in np.unique(part.view)
         }
-        moved = [v for v, e in tests.items() if e is not None and e.chance < _UNLIKELY]
+        moved = [v for v, e in tests.items() if e is not None and e.chance < CHANCE]
         columns = [whole * (part.view == v)[:, None, None] for v in moved]
-        return self.test("moved-board", {"projected": np.concatenate(columns, axis=2)}, moved) if moved else None
+        if not moved:
+            return None
+        return self.test(
+            "moved-board", {"projected": np.concatenate(columns, axis=2)}, moved, int(self._problem.board[moved[0]])
+        )
 
-    def _changes(self, views: Sequence[BoardView]) -> Iterator[Explanation | None]:
+    def _changes(self, views: Sequence[BoardView]) -> Explanation | None:
         """Test whether focal length and principal point of the camera differ from some view on."""
         count = len(views)
         light = np.array([bool(v.projected.any()) for v in views])
@@ -187,18 +190,15 @@ class Score:
         if all(len(side) >= 4 for side in sides):
             for share in np.arange(1, 8) / 8:
                 sets.append([int(i) for side in sides for i in side[round(share * len(side)) :]])
-        best: Explanation | None = None
-        for chosen in sets:
-            only = {p.name: np.isin(p.view, chosen).astype(np.float64) for p in self._problem.parts}
-            columns: dict[str, Array] = {}
-            for name in self._names:
-                if name == "decoded":
-                    continue
-                over = self._blocks[name].shared[:, :, :4] * only[name][:, None, None]
-                K = self._state.rig.camera.K
-                focal = over[:, :, :1] * K[0, 0] + over[:, :, 1:2] * K[1, 1]
-                columns[name] = np.concatenate([focal, over[:, :, 2:]], axis=2)
-            found = self.test("zoomed", columns, chosen)
-            if found is not None and (best is None or found.f > best.f):
-                best = found
-        yield best
+        K = self._state.rig.camera.K
+        slopes: dict[str, tuple[Ints, Array]] = {}
+        for part in self._problem.parts:
+            over = self._blocks[part.name].shared[:, :, :4]
+            focal = over[:, :, :1] * K[0, 0] + over[:, :, 1:2] * K[1, 1]
+            if part.name != "decoded":
+                slopes[part.name] = part.view, np.concatenate([focal, over[:, :, 2:]], axis=2)
+        tests = (
+            self.test("zoomed", {n: s * np.isin(v, chosen)[:, None, None] for n, (v, s) in slopes.items()}, chosen)
+            for chosen in sets
+        )
+        return max((e for e in tests if e is not None), key=lambda e: e.f, default=None)

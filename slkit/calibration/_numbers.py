@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from slkit.calibration._exposure import Singles, grey
+from slkit.calibration.detect import Singles, grey
 from slkit.data import Finding, Image
 from slkit.geometry import Floats
 
@@ -117,13 +117,21 @@ def _half_width(levels: Singles, matrix: Floats, center: Floats, cell_mm: float,
         values = _sampled(levels, matrix, center + cell_mm * ray)
         # Beyond the paper it may be darker still.
         dark = int(np.argmin(np.where(values < 0, np.inf, values)[: len(values) // 4]))
-        middle = (values[dark] + values.max()) / 2
+        middle = (values[dark] + _plateau(values[dark:])) / 2
         above = np.flatnonzero(values[dark:] > middle)
         if not len(above) or above[0] == 0:
             return np.nan
         i = dark + int(above[0])
         ends.append(float(reach[i] - 0.05 * (values[i] - middle) / (values[i] - values[i - 1])))
     return float(np.mean(ends))
+
+
+def _plateau(values: Singles) -> float:
+    """Return the level that a ray first rises to from the dark: behind the mark's own paper it may be lit as well."""
+    ahead = values[4:] < 1.08 * values[:-4]
+    risen = (values[:-4] > 1.6 * values[0]) & (values[:-4] > values[0] + 5)
+    level = np.flatnonzero(ahead & risen)
+    return float(values[level[0] : level[0] + 9].max() if len(level) else values.max())
 
 
 def marks_finding(ratios: Sequence[float]) -> list[Finding]:

@@ -15,17 +15,18 @@ import numpy as np
 from slkit.calibration._exchanged import compare, exchange_findings, motion_finding
 from slkit.calibration._exposure import Look, exposure_findings, look_at, spacing
 from slkit.calibration._numbers import cell_ratio, continues, corners_finding, count_corners, marks_finding
+from slkit.calibration._panel import panel_finding, panel_size
 from slkit.calibration._ripple import Flatness, code_findings, flatness, undecoded
 from slkit.calibration.detect import find_checkerboard, to_8bit
 from slkit.calibration.marks import find_marks
 from slkit.calibration.projected import find_projected
 from slkit.data import BoardView, Capture, Finding, Image
-from slkit.geometry import Floats
-from slkit.targets import Checkerboard, CornerMarks, ProjectedCheckerboard
+from slkit.geometry import Floats, Pinhole
+from slkit.targets import Checkerboard, CornerMarks, Printable, ProjectedCheckerboard
 
 _ROLES = ("printed", "marks", "projected", "lit")
 _ASKED = 2
-_CELLS = (0.5, 2.0, 0.4, 2.5, 0.67, 1.5)
+_CELLS = (0.85, 1.18, 0.5, 2.0, 0.4, 2.5, 0.67, 1.5)
 _UPRIGHT_DEG = 45.0
 _FEWEST = 6
 _MIRRORED = Finding(
@@ -56,6 +57,21 @@ def picture_findings(captures: Sequence[Capture], views: Sequence[BoardView], ca
     found += orientation_findings(list(by_name.values()))
     # A view with two pictures may show one mistake in both.
     return tuple({(f.code, f.view): f for f in reversed(found)}.values())[::-1]
+
+
+def panel_findings(
+    captures: Sequence[Capture], views: Sequence[BoardView], calibrator: Any, camera: Pinhole
+) -> list[Finding]:
+    """Return that the two sides of a board, each in its own mm, give it two sizes; camera: as calibrated."""
+    by_name = {view.name: view for view in views if view.problem is None}
+    sizes: list[list[Floats]] = []
+    for role in ("printed", "marks"):
+        target = getattr(calibrator, role, None)
+        if not isinstance(target, Printable):
+            return []
+        mine = [(by_name[c.name], getattr(c, role)) for c in captures if c.name in by_name]
+        sizes.append([panel_size(p, camera, view, target.ink().extent()) for view, p in mine if p is not None])
+    return panel_finding(*sizes)
 
 
 def pictures_of(capture: Capture) -> list[tuple[str, Image]]:
@@ -189,15 +205,14 @@ def _unread(
 
 
 def _ratios(whites: Sequence[tuple[BoardView, Image]], marks: CornerMarks) -> list[float]:
-    """Return the `cell_ratio` of the views whose marks were found; where none were, of a few with other cells."""
+    """Return the `cell_ratio` of the views whose marks were found, and of a few others with other cells."""
     found = [
         cell_ratio(white, view.camera_xy[view.printed], view.board_xy[view.printed], marks.cell_mm)
         for view, white in whites
         if view.printed.sum() >= 4
     ]
-    if found:
-        return found
-    for _, white in whites[:_ASKED]:
+    lost = [white for view, white in whites if view.printed.sum() < 4]
+    for white in lost[:_ASKED]:
         for factor in _CELLS:
             other = replace(marks, cell_mm=factor * marks.cell_mm)
             centers = find_marks(to_8bit(white), other)

@@ -11,7 +11,7 @@ from slkit.data import Calibration, Finding, Verdict, ViewResult
 _GRADES = ("bad", "usable", "good")
 _GOOD_PX, _USABLE_PX = 0.5, 1.5
 _MANY_VIEWS = 5
-_SPOILT = {"zoomed", "wrong-marks", "wrong-corners", "wrong-square", "mirrored", "swapped-pictures"}
+_SPOILT = {"zoomed", "wrong-marks", "wrong-corners", "mirrored", "swapped-pictures"}
 """Mistakes after which the rig is not the one that will scan."""
 _MENDED = {"moved-board", "stale-frame", "exif-rotated", "other-size", "turned", ""}
 """Mistakes of single views, which are left out, and remarks."""

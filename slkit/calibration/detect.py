@@ -14,6 +14,7 @@ from slkit.calibration._fit import Drawing, fit_drawing, softened
 from slkit.data import Image, describe_image
 from slkit.targets import grid
 
+Singles = npt.NDArray[np.float32]
 Corners = npt.NDArray[np.float64]
 """Inner corners as they lie on the board, (ny, nx, 2) camera px; NaN for a corner that was not found."""
 
@@ -27,12 +28,17 @@ _LOST_SHARE = 0.1
 """A board with a larger share of such corners was not found."""
 
 
+def grey(picture: Image) -> Singles:
+    """Return a picture (h, w) or (h, w, 3) as grey levels (h, w), the mean of its colours."""
+    return picture.astype(np.float32) if picture.ndim == 2 else picture.mean(axis=2, dtype=np.float32)
+
+
 def to_8bit(image: Image) -> npt.NDArray[np.uint8]:
     """Return a picture (h, w) or (h, w, 3) as 8-bit grey (h, w), its range stretched to full contrast."""
-    grey = image.astype(np.float32) if image.ndim == 2 else image.mean(axis=2, dtype=np.float32)
+    levels = grey(image)
     # The ink of four small marks is less than a hundredth of the picture, and must not be cut off.
-    low, high = np.percentile(grey, (0.01, 99.9))
-    return np.clip((grey - low) * (255 / max(float(high - low), 1.0)), 0, 255).astype(np.uint8)
+    low, high = np.percentile(levels, (0.01, 99.9))
+    return np.clip((levels - low) * (255 / max(float(high - low), 1.0)), 0, 255).astype(np.uint8)
 
 
 def picture_size(picture: Image) -> tuple[int, int]:

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from slkit.calibration.detect import Corners, find_checkerboard, symmetries, to_8bit, unmirrored, uprightness
+from slkit.calibration.detect import Corners, find_checkerboard, grey, symmetries, to_8bit, unmirrored, uprightness
 from slkit.calibration.tags import find_charuco
 from slkit.data import Image
 from slkit.targets import ORIGIN_MARK_RADIUS, ProjectedCharuco, ProjectedCheckerboard, grid
@@ -51,8 +51,7 @@ def _find_charuco(
 
 
 def _light_ratio(pattern: Image, white: Image) -> npt.NDArray[np.uint8]:
-    top = white.astype(np.float32) if white.ndim == 2 else white.mean(axis=2, dtype=np.float32)
-    seen = pattern.astype(np.float32) if pattern.ndim == 2 else pattern.mean(axis=2, dtype=np.float32)
+    top, seen = grey(white), grey(pattern)
     # Where the white light itself is weak the ratio is noise; a floor lets it fade to black instead.
     floor = 0.1 * float(np.percentile(top, 99))
     ratio = np.where(top > floor, seen / np.maximum(top, floor), seen / floor)

@@ -141,7 +141,8 @@ def calibrate_captures(task: CalibrationTask, where: str, progress: Progress | N
 
     Errors: CalibrationError where the usable views do not suffice; its `findings` are the mistakes that pictures show.
     """
-    from slkit.calibration._pictures import picture_findings
+    from slkit.calibration._pictures import panel_findings, picture_findings
+    from slkit.calibration._verdict import judged
 
     if progress is not None:
         progress("find boards", 0, 1)
@@ -156,7 +157,10 @@ def calibrate_captures(task: CalibrationTask, where: str, progress: Progress | N
     calibration = solve_views(task.calibrator, views, findings)
     if progress is not None:
         progress("solve", 1, 1)
-    return calibration
+    if any(f.code == "wrong-marks" for f in findings):
+        return calibration
+    sizes = panel_findings(task.captures, views, task.calibrator, calibration.rig.camera)
+    return dataclasses.replace(calibration, verdict=judged(calibration, sizes))
 
 
 def solve_views(calibrator: Calibrator, views: Sequence[BoardView], findings: Sequence[Finding] = ()) -> Calibration:

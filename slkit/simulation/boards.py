@@ -9,10 +9,10 @@ import numpy as np
 from slkit.errors import InputError
 from slkit.geometry import Pose, Rig, homogeneous, intersect_plane
 from slkit.simulation.rig import in_view, seen_by, working_distance, working_volume
+from slkit.simulation.scene import Extent
 from slkit.simulation.surface import Doubles
 from slkit.targets import Checkerboard, CornerMarks, ProjectedCheckerboard
 
-Extent = tuple[float, float, float, float]
 _DRAWS_PER_POSE = 3000
 _MARGIN_PX = 8.0
 _DEPTHS = (0.78, 1.2)

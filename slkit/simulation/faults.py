@@ -46,7 +46,7 @@ FAULTS: dict[str, Fault] = {
     "mirrored": Fault("left the setting for rear projection on", _ANY, False, _wrongs.mirrored),
     "turned": Fault("left the setting for the ceiling on, or turned the desktop", _ANY, False, _wrongs.turned),
     "wrong-corners": Fault("counted the corners wrongly", _PLANAR, True, _wrongs.wrong_corners),
-    "wrong-square": Fault("mistyped square_mm", _ANY, False, _wrongs.wrong_square),
+    "wrong-square": Fault("mistyped square_mm", _PLANAR, True, _wrongs.wrong_square),
     "wrong-marks": Fault("mistyped xy_mm", _PLANAR, True, _wrongs.wrong_marks),
     "bent-board": Fault("used a board that is not flat", _ANY, False, _wrongs.bent),
     "parallel-poses": Fault("held the board the same way in all views", _ANY, False, _weak.parallel),

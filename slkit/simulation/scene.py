@@ -118,6 +118,7 @@ def fitted_mesh(rig: Rig, vertices: Floats, faces: npt.NDArray[np.integer]) -> S
     return from_mesh((points - middle) * (radius / size) + center, faces)
 
 
+Extent = tuple[float, float, float, float]
 Bend = tuple[float, float]
 """How far a sheet is from flat: sagitta in mm, towards the camera where negative, and the direction across the bend in
 degrees from the board's x."""
@@ -125,13 +126,12 @@ degrees from the board's x."""
 _FACETS = 48
 
 
-def board(target: Target, camera_from_board: Pose, margin_mm: float = 0.0, bend: Bend = (0.0, 0.0)) -> Scene:
+def board(target: Target, camera_from_board: Pose, sheet: Extent | None = None, bend: Bend = (0.0, 0.0)) -> Scene:
     """Return a sheet with a printed target: side A (Checkerboard) or side B (CornerMarks).
 
-    The sheet reaches margin_mm of blank paper beyond target.extent() on every side.
+    sheet: x min, y min, x max, y max in mm of the paper, blank beyond the print; None for target.extent().
     """
-    x0, y0, x1, y1 = target.extent()
-    corners = (x0 - margin_mm, y0 - margin_mm, x1 + margin_mm, y1 + margin_mm)
+    corners = sheet or target.extent()
     printed = Print(target, camera_from_board)
     if bend[0] == 0:
         return Scene((Surface(*_rectangle(camera_from_board, corners), printed),))
@@ -141,7 +141,7 @@ def board(target: Target, camera_from_board: Pose, margin_mm: float = 0.0, bend:
     return Scene((_net(camera_from_board.apply(xyz), printed),))
 
 
-def bent_mm(board_xy: Floats, extent: tuple[float, float, float, float], bend: Bend) -> Floats:
+def bent_mm(board_xy: Floats, extent: Extent, bend: Bend) -> Floats:
     """Return the board's z (...) in mm at places (..., 2) mm of a sheet bent to a parabolic cylinder.
 
     extent: x min, y min, x max, y max of the sheet. z is 0 along the middle and the sagitta at the sheet's edges.

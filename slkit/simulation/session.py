@@ -5,7 +5,7 @@ A session is taken as pictures (`take`) or computed as board views (`simulation.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -15,11 +15,13 @@ from slkit.data import Frames, Image
 from slkit.geometry import Pose, Rig
 from slkit.simulation.boards import board_poses, boards_for
 from slkit.simulation.scanner import Optics, SimulatedScanner
-from slkit.simulation.scene import Bend, board
+from slkit.simulation.scene import Bend, Extent, board
 from slkit.simulation.surface import Doubles
 from slkit.targets import Checkerboard, CornerMarks, ProjectedCheckerboard
 
 PRINTED, MARKS, PROJECTED, CODED = "printed", "marks", "projected", "coded"
+_VARIED = 0.1
+"""Depths of a board that a careful user holds nearer and farther span at least this share of their mean."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +74,14 @@ class Session:
         """Return the side of the board that a shot sees."""
         return self.printed if self.marks is None or shot.role == PRINTED else self.marks
 
+    def sheet(self, target: Checkerboard | CornerMarks) -> Extent:
+        """Return the panel as a side sees it, x min, y min, x max, y max in mm: both sides are equally large."""
+        sides = (self.printed,) if self.marks is None else (self.printed, self.marks)
+        size = np.max([np.subtract(side.extent()[2:], side.extent()[:2]) for side in sides], axis=0)
+        middle = np.add(target.extent()[2:], target.extent()[:2]) / 2
+        (x0, y0), (x1, y1) = middle - size / 2, middle + size / 2
+        return float(x0), float(y0), float(x1), float(y1)
+
 
 def planar_session(
     rig: Rig, poses: int, rng: np.random.Generator, optics: Optics | None = None, seed: int = 0
@@ -83,7 +93,7 @@ def planar_session(
     optics = optics or Optics()
     printed, marks, projected = boards_for(rig)
     side_a = board_poses(rig, printed.extent(), poses, rng)
-    side_b = board_poses(rig, marks.extent(), poses, rng, projected=projected, marks=marks)
+    side_b = _varied(lambda n: board_poses(rig, marks.extent(), n, rng, projected=projected, marks=marks), poses)
     # Every pose has its own noise, also for the frames that all poses have in common.
     shots = [Shot(f"side_a/{i:03d}", PRINTED, i, p, rig, optics, 1000 * seed + i) for i, p in enumerate(side_a)]
     for i, pose in enumerate(side_b):
@@ -91,6 +101,16 @@ def planar_session(
         shots.append(Shot(f"side_b_white/{i:03d}", MARKS, i, pose, rig, optics, own, 0, (0.0,)))
         shots.append(Shot(f"side_b_pattern/{i:03d}", PROJECTED, i, pose, rig, optics, own, 1, (1.0,)))
     return Session(rig, printed, marks, projected, planar_patterns(rig, projected), tuple(shots))
+
+
+def _varied(draw: Callable[[int], tuple[Pose, ...]], count: int) -> tuple[Pose, ...]:
+    """Return poses that are not all at one depth; where they are, as many more are drawn and the extremes taken."""
+    poses = draw(count)
+    depths = [pose.translation[2] for pose in poses]
+    if count < 3 or np.ptp(depths) > _VARIED * np.mean(depths):
+        return poses
+    more = sorted([*poses, *draw(count)], key=lambda pose: float(pose.translation[2]))
+    return (more[0], *poses[1:-1], more[-1])
 
 
 def coded_session(
@@ -152,7 +172,9 @@ class Camera:
         if key not in self._traced:
             while len(self._traced) >= self._keep:
                 self._traced.pop(next(iter(self._traced)))
-            self._traced[key] = SimulatedScanner(board(target, shot.pose, bend=shot.bend), shot.rig, shot.optics)
+            self._traced[key] = SimulatedScanner(
+                board(target, shot.pose, self._session.sheet(target), shot.bend), shot.rig, shot.optics
+            )
         return self._traced[key].under(shot.optics, shot.seed)
 
     def _light(self, place: float) -> Image:

@@ -64,10 +64,10 @@ def side_b(request: pytest.FixtureRequest):
     _, marks, projected = boards_for(rig)
     pose = board_poses(rig, marks.extent(), 1, np.random.default_rng(3), projected=projected, marks=marks)[0]
 
-    def pictures(target, pattern, place=pose, margin_mm=0.0):
+    def pictures(target, pattern, place=pose, sheet=None):
         size = rig.projector.size
         frames = Frames.of([np.full(size[::-1], 255, np.uint8), pattern.draw(size)], ["white", "pattern"])
-        scene = board(target, place, margin_mm)
+        scene = board(target, place, sheet)
         return list(SimulatedScanner(scene, rig, Optics(), 0).capture(frames))
 
     return rig, pose, marks, pictures
@@ -112,7 +112,7 @@ def test_a_checkerboard_in_a_corner_serves_as_marks(side_b):
     small, pattern = Checkerboard((4, 3), 18.0), boards_for(rig)[2]
     x, y = four.points()[0]
     corner = pose @ Pose(np.eye(3), np.array([x - 20, y - 10, 0.0]))
-    white, lit = pictures(small, pattern, corner, margin_mm=760.0)
+    white, lit = pictures(small, pattern, corner, (-800.0, -800.0, 900.0, 900.0))
     view = observe_white("b", white, lit, small, pattern)
     assert view.problem is None, view.problem
     assert np.array_equal(view.board_xy[view.printed], small.points())

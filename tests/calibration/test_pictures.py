@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -5,9 +7,14 @@ import pytest
 from slkit.calibration._exchanged import compare, exchange_findings, mark_shifts, motion_finding
 from slkit.calibration._exposure import exposure_findings, look_at, noise_of
 from slkit.calibration._numbers import cell_ratio, continues, corners_finding, count_corners, marks_finding
+from slkit.calibration._observe import observe_printed
+from slkit.calibration._panel import panel_finding, panel_size
 from slkit.calibration._pictures import common_size, orientation_findings, picture_findings
 from slkit.calibration._ripple import Flatness, code_findings, flatness, ripple
+from slkit.calibration.detect import to_8bit
+from slkit.calibration.marks import find_marks
 from slkit.data import BoardView, Capture, Correspondences
+from slkit.files import read_image, read_rig
 from slkit.targets import Checkerboard, CornerMarks
 
 BOARD = Checkerboard((8, 6), 10.0)
@@ -196,3 +203,31 @@ def test_findings_of_a_capture_are_told_once_a_view(rng: np.random.Generator):
     views = [view(c.name, corners_px(), board_xy=BOARD.points()) for c in captures]
     assert [(f.code, f.view) for f in picture_findings(captures, views, Calibrator())] == [("under-exposed", "b")]
     assert picture_findings([], [], Calibrator()) == ()
+
+
+def test_a_mistyped_square_shows_in_the_outline_of_the_panel(captures):
+    folder = captures("planar_capture")
+    camera = read_rig(folder / "truth" / "rig.json").camera
+    printed, corners = Checkerboard((11, 8), 30.0), ((-185, -125), (185, -125), (185, 125), (-185, 125))
+    marks = CornerMarks(corners, 12.0)
+    side_a = [read_image(folder / "side_a" / f"{i:02d}.png") for i in (0, 1, 3)]
+    side_b = [read_image(folder / "side_b_white" / f"{i:02d}.png") for i in (0, 1)]
+    views_a = [observe_printed("a", picture, printed) for picture in side_a]
+    silent = np.full((4, 2), np.nan)
+    found = [find_marks(to_8bit(picture), marks) for picture in side_b]
+    views_b = [BoardView("b", (1280, 960), marks.points(), xy, silent, silent) for xy in found]
+
+    def findings(factor: float):
+        scaled = [replace(v, board_xy=factor * v.board_xy) for v in views_a]
+        ink = tuple(factor * v for v in printed.ink().extent())
+        a = [panel_size(p, camera, v, ink) for p, v in zip(side_a, scaled, strict=True)]
+        b = [panel_size(p, camera, v, marks.ink().extent()) for p, v in zip(side_b, views_b, strict=True)]
+        np.testing.assert_allclose(b, [[420, 297]] * 2, atol=1.5)
+        return panel_finding(a, b)
+
+    assert findings(1.0) == []
+    for factor in (1 / 2.54, 1 / 1.1, 1.1, 2.54):
+        (finding,) = findings(factor)
+        assert finding.code == "wrong-square" and f"{factor:.2f} times" in finding.fault
+    # A3 on one side, A4 on the other.
+    assert findings(np.sqrt(2)) == []

@@ -96,7 +96,8 @@ def test_a_mesh_is_placed_and_fitted() -> None:
         fitted_mesh(rig, np.zeros((3, 3)), np.array([[0, 1, 2]]))
 
 
-def test_a_board_is_its_sheet_and_a_margin() -> None:
+def test_a_board_is_as_large_as_its_target_or_the_sheet_given() -> None:
     marks = CornerMarks(((-100, -60), (100, -60), (100, 60), (-100, 60)), 10.0)
     pose = Pose(np.eye(3), np.array([0, 0, 800.0]))
-    np.testing.assert_allclose(np.ptp(board(marks, pose, 15.0).mesh()[0], axis=0), [290, 210, 0])
+    np.testing.assert_allclose(np.ptp(board(marks, pose).mesh()[0], axis=0), [260, 180, 0])
+    np.testing.assert_allclose(np.ptp(board(marks, pose, (-200, -90, 150, 80)).mesh()[0], axis=0), [350, 170, 0])
