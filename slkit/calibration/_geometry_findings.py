@@ -148,9 +148,11 @@ def aspect_finding(found: Adjusted) -> Finding | None:
     """Return the finding of a projector whose pixels are not square, None where they are."""
     projector = found.state.rig.projector
     fx, fy = projector.K[0, 0], projector.K[1, 1]
-    places = [found.names.index(f"projector.{n}") if f"projector.{n}" in found.names else -1 for n in ("fx", "fy")]
-    slope = np.array([-fy / fx**2, 1 / fx])
-    sigma = float(np.sqrt(slope @ found.covariance[np.ix_(places, places)] @ slope)) if min(places) >= 0 else 0.0
+    wanted, slope, sigma = ("projector.fx", "projector.fy"), np.array([-fy / fx**2, 1 / fx]), 0.0
+    if set(wanted) <= set(found.names):
+        places = [found.names.index(name) for name in wanted]
+        # Of a known aspect nothing but rounding is left.
+        sigma = float(np.sqrt(max(slope @ found.covariance[np.ix_(places, places)] @ slope, 0.0)))
     aspect = float(fy / fx)
     if abs(aspect - 1) < max(_ASPECT, 5 * sigma):
         return None

@@ -12,9 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from slkit.calibration._normal import whole_jacobian
 from slkit.calibration._parameters import Array
 from slkit.calibration._residuals import Block, Ints
-from slkit.calibration._state import MOTION
+from slkit.calibration._state import LENS, MOTION
 from slkit.calibration.bundle import Adjusted
 from slkit.calibration.surfaces import Sheet
 from slkit.data import BoardView
@@ -58,17 +59,12 @@ class Score:
         self._blocks: Mapping[str, Block] = found.problem.blocks(found.state)
         self._names = [p.name for p in self._problem.parts]
         self._roots = {n: np.sqrt(found.weights[n]) for n in self._names}
-        views = len(self._problem.board)
-        jacobians: list[Array] = []
-        for part in self._problem.parts:
-            block = self._blocks[part.name]
-            own = np.zeros((len(part.view), 2, 6 * views))
-            for axis in range(6):
-                own[np.arange(len(part.view)), :, 6 * part.view + axis] = block.pose[:, :, axis]
-            jacobians.append(
-                self._weighted(part.name, np.concatenate([block.shared @ self._problem.free.spread, own], 2))
-            )
-        jacobian = np.concatenate(jacobians)
+        jacobian = np.concatenate(
+            [
+                self._weighted(p.name, whole_jacobian(self._problem, p, self._blocks[p.name]))
+                for p in self._problem.parts
+            ]
+        )
         residual = np.concatenate([self._weighted(n, self._blocks[n].error[:, :, None]) for n in self._names])[:, 0]
         scale = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
         inverse = np.linalg.pinv((jacobian / scale).T @ (jacobian / scale), hermitian=True, rcond=1e-13)
@@ -123,7 +119,7 @@ class Score:
         free = np.abs(self._problem.free.spread).sum(axis=1) > 0
         found = [
             self.test(code, {n: self._blocks[n].shared[:, :, [first + 4]] for n in self._names})
-            for code, first in (("camera-skew", 0), ("keystone", 10))
+            for code, first in (("camera-skew", 0), ("keystone", LENS))
             if not free[first + 4] and free[first]
         ]
         for board, surface in enumerate(self._state.surfaces):

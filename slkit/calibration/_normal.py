@@ -10,9 +10,10 @@ import numpy.typing as npt
 
 from slkit.calibration._parameters import Array
 from slkit.calibration._residuals import Block, Part, block
-from slkit.calibration._state import State, shared_values
+from slkit.calibration._state import LENS, LENSES, MOTION, State, shared_values
 from slkit.calibration.model import Lens, Model
 from slkit.calibration.surfaces import Sheet
+from slkit.geometry import DISTORTION_NAMES
 
 Ints = npt.NDArray[np.intp]
 _STEPS = 60
@@ -31,6 +32,15 @@ class Free:
     rows: Array
     value: Array
     sigma: Array
+
+    @property
+    def count(self) -> int:
+        """How many parameters are free."""
+        return self.spread.shape[1]
+
+    def misses(self, state: State) -> Array:
+        """Return by how many sigma (k,) a state misses what is known beforehand."""
+        return (self.rows @ shared_values(state) - self.value) / self.sigma
 
     def of(self, shared: Array) -> Array:
         """Return derivatives (n, 2, s) over all shared parameters as derivatives (n, 2, p) over the free ones."""
@@ -61,10 +71,10 @@ def free_parameters(model: Model, state: State, parts: Sequence[Part]) -> Free:
     unit = np.eye(len(values))
     devices = [(0, model.camera, state.rig.camera.size)]
     if names & {"projected", "decoded"}:
-        devices.append((10, model.projector, state.rig.projector.size))
-        columns += list(unit[20:26])
+        devices.append((LENS, model.projector, state.rig.projector.size))
+        columns += list(unit[LENSES:MOTION])
     for first, lens, size in devices:
-        columns += lens_columns(unit[first : first + 10], lens)
+        columns += lens_columns(unit[first : first + LENS], lens)
         if lens.throw_ratio is not None:
             ratio, sigma = lens.throw_ratio
             priors.append((unit[first], ratio * size[0], sigma * size[0]))
@@ -72,7 +82,7 @@ def free_parameters(model: Model, state: State, parts: Sequence[Part]) -> Free:
             offset, sigma = lens.offset
             half = size[1] / 2
             priors.append((unit[first + 3], half - 0.5 + offset * half, sigma * half))
-    first = 26
+    first = MOTION
     for surface in state.surfaces:
         if model.warp and isinstance(surface, Sheet):
             columns += [unit[first], unit[first + 1]]
@@ -90,9 +100,7 @@ def lens_columns(unit: Array, lens: Lens) -> list[Array]:
     columns = [fx, fy] if lens.aspect is None else [fx + lens.aspect * fy]
     columns += [cx, cy] if lens.principal_point is None else []
     columns += [skew] if lens.skew else []
-    return columns + [
-        c for c, n in zip(distortion, ("k1", "k2", "p1", "p2", "k3"), strict=True) if n in lens.distortion
-    ]
+    return columns + [c for c, n in zip(distortion, DISTORTION_NAMES, strict=True) if n in lens.distortion]
 
 
 def normal_equations(
@@ -103,7 +111,7 @@ def normal_equations(
     weights: per class (n, 2), 1 / sigma^2 of each residual. The q parameters are the free shared ones, then six a view.
     """
     free, views = problem.free, len(problem.board)
-    shared = free.spread.shape[1]
+    shared = free.count
     gradient = np.zeros(shared + 6 * views)
     matrices: dict[str, Array] = {}
     for part in problem.parts:
@@ -127,16 +135,28 @@ def normal_equations(
     if len(free.rows):
         rows = np.pad((free.rows @ free.spread) / free.sigma[:, None], ((0, 0), (0, 6 * views)))
         matrices["prior"] = rows.T @ rows
-        gradient += rows.T @ ((free.rows @ shared_values(state) - free.value) / free.sigma)
+        gradient += rows.T @ free.misses(state)
     return matrices, gradient
+
+
+def total(matrices: Mapping[str, Array]) -> Array:
+    """Return the sum of the matrices of all classes."""
+    return np.asarray(np.sum(list(matrices.values()), axis=0))
+
+
+def whole_jacobian(problem: Problem, part: Part, found: Block) -> Array:
+    """Return d error / d the free parameters (n, 2, q) of a class: the shared ones, then six a view."""
+    free = problem.free
+    own = np.zeros((len(part.view), 2, len(problem.board), 6))
+    own[np.arange(len(part.view)), :, part.view] = found.pose
+    return np.concatenate([free.of(found.shared), own.reshape(len(part.view), 2, -1)], axis=2)
 
 
 def cost(problem: Problem, blocks: Mapping[str, Block], weights: Mapping[str, Array], state: State) -> float:
     """Return half the weighted sum of squares; infinite where a point left the view of a lens."""
-    total = sum(float((weights[n] * b.error**2).sum()) for n, b in blocks.items())
-    free = problem.free
-    total += float((((free.rows @ shared_values(state) - free.value) / free.sigma) ** 2).sum())
-    return total / 2 if np.isfinite(total) else np.inf
+    squares = sum(float((weights[n] * b.error**2).sum()) for n, b in blocks.items())
+    squares += float((problem.free.misses(state) ** 2).sum())
+    return squares / 2 if np.isfinite(squares) else np.inf
 
 
 def minimize(
@@ -156,7 +176,7 @@ def minimize(
     here, damping = cost(problem, blocks, weights, state), 1e-6
     for _ in range(_STEPS):
         matrices, gradient = normal_equations(problem, blocks, weights, state)
-        matrix = np.sum(list(matrices.values()), axis=0)
+        matrix = total(matrices)
         scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
         scaled = matrix / np.outer(scale, scale)
         better = False
@@ -179,7 +199,7 @@ def minimize(
 
 
 def _step(problem: Problem, state: State, step: Array) -> State:
-    shared = problem.free.spread.shape[1]
+    shared = problem.free.count
     return state.moved(problem.free.spread @ step[:shared], step[shared:].reshape(-1, 6))
 
 

@@ -46,11 +46,6 @@ def pose_scale(pose: Pose) -> Array:
     return np.array([1.0, 1.0, 1.0] + [max(float(np.linalg.norm(pose.translation)), 1e-3)] * 3)
 
 
-def pose_names(name: str) -> tuple[str, ...]:
-    """Return the names of a motion's six values."""
-    return tuple(f"{name}.{part}" for part in ("rx", "ry", "rz", "tx", "ty", "tz"))
-
-
 def covariance_of(jacobian: Array, residuals: Array) -> Array:
     """Return s^2 (J^T J)^-1 with s^2 = |r|^2 / (observations - parameters)."""
     observations, parameters = jacobian.shape

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from slkit.calibration._normal import Problem, free_parameters
+from slkit.calibration._normal import Problem, free_parameters, whole_jacobian
 from slkit.calibration._parameters import Array, covariance_of
 from slkit.calibration._residuals import Part, split
-from slkit.calibration._state import State
-from slkit.calibration.bundle import Adjusted, parameter_names, start_of
+from slkit.calibration._state import LENS, MOTION, State
+from slkit.calibration.bundle import Adjusted, every_row, parameter_names, start_of
 from slkit.calibration.model import Model
 from slkit.calibration.surfaces import Surface
 from slkit.data import BoardView, ResidualClass
@@ -37,9 +37,9 @@ def in_sequence(
     problem = Problem(parts, np.array(boards, dtype=np.intp), free_parameters(lenses, state, parts))
     jacobian, residuals, of_camera = _stacked(problem, state)
     spread = problem.free.spread
-    shared = spread.shape[1]
+    shared = problem.free.count
     is_late = np.zeros(jacobian.shape[1], dtype=bool)
-    is_late[:shared] = np.abs(spread[10:26]).sum(axis=0) > 0
+    is_late[:shared] = np.abs(spread[LENS:MOTION]).sum(axis=0) > 0
     late, early = np.flatnonzero(is_late), np.flatnonzero(~is_late)
     before = covariance_of(jacobian[np.ix_(of_camera, early)], residuals[of_camera])
     after = jacobian[np.ix_(~of_camera, late)]
@@ -51,11 +51,10 @@ def in_sequence(
     whole[np.ix_(early, late)] = whole[np.ix_(late, early)].T
     free = np.flatnonzero(np.abs(spread).sum(axis=1))
     covariance = (spread @ whole[:shared, :shared] @ spread.T)[np.ix_(free, free)]
-    kept = {p.name: np.ones(len(p.view), dtype=bool) for p in parts}
     names = tuple(np.array(parameter_names(state))[free])
     blocks = problem.blocks(state)
     classes = {p.name: _scatter(p, blocks[p.name].error) for p in parts}
-    return Adjusted(problem, state, names, covariance, classes, {}, kept, {})
+    return Adjusted(problem, state, names, covariance, classes, {}, every_row(parts), {})
 
 
 def _stacked(problem: Problem, state: State) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
@@ -63,21 +62,15 @@ def _stacked(problem: Problem, state: State) -> tuple[Array, Array, npt.NDArray[
 
     The sequence fits projected corners in the projector's image: their camera residuals are carried over there.
     """
-    blocks, views = problem.blocks(state), len(problem.board)
-    spread = problem.free.spread
-    shared = spread.shape[1]
+    blocks = problem.blocks(state)
     rows: list[Array] = []
     errors: list[Array] = []
     for part in problem.parts:
         found = blocks[part.name]
-        jacobian = np.zeros((len(part.view), 2, shared + 6 * views))
-        jacobian[:, :, :shared] = found.shared @ spread
-        for axis in range(6):
-            jacobian[np.arange(len(part.view)), :, shared + 6 * part.view + axis] = found.pose[:, :, axis]
-        error = found.error
+        jacobian, error = whole_jacobian(problem, part, found), found.error
         if part.name == "projected":
             # A pixel shifts with its projector's principal point: that derivative is minus the local slope.
-            across = np.linalg.inv(found.shared[:, :, 12:14])
+            across = np.linalg.inv(found.shared[:, :, LENS + 2 : LENS + 4])
             jacobian, error = across @ jacobian, (across @ error[:, :, None])[:, :, 0]
         rows.append(jacobian.reshape(-1, jacobian.shape[2]))
         errors.append(error.ravel())

@@ -8,11 +8,12 @@ import numpy as np
 
 from slkit.calibration._parameters import Array
 from slkit.calibration.surfaces import Sheet, Surface
-from slkit.geometry import Pinhole, Pose, Rig
+from slkit.geometry import LENS_NAMES, RIG_NAMES, Pinhole, Pose, Rig
 
-LENSES, MOTION = 20, 26
-"""Shared parameters: ten of the camera's lens, ten of the projector's, six of the projector's motion, two a board's
-warp, three a released point."""
+LENS = len(LENS_NAMES)
+LENSES, MOTION = 2 * LENS, len(RIG_NAMES)
+"""Shared parameters: those of the camera's lens, of the projector's lens, of the projector's motion; then two a board's
+warp, and three a released point. Where the second, the third and the fourth of these begin."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,8 +47,8 @@ class State:
         offsets = np.split(shared[MOTION + 2 * boards :].reshape(-1, 3), ends[:-1])
         return State(
             Rig(
-                moved_lens(rig.camera, shared[:10]),
-                moved_lens(rig.projector, shared[10:LENSES]),
+                moved_lens(rig.camera, shared[:LENS]),
+                moved_lens(rig.projector, shared[LENS:LENSES]),
                 Pose(_orthonormal(placed)[0], rig.projector_from_camera.translation + shift),
             ),
             _orthonormal(_rotations(motions[:, :3]) @ self.rotations),
@@ -62,10 +63,7 @@ class State:
 
 def shared_values(state: State) -> Array:
     """Return the values of all shared parameters (s,); of the projector's motion, which has none, zeros."""
-    lenses = [
-        [d.K[0, 0], d.K[1, 1], d.K[0, 2], d.K[1, 2], d.K[0, 1], *d.distortion]
-        for d in (state.rig.camera, state.rig.projector)
-    ]
+    lenses = [device.parameters for device in (state.rig.camera, state.rig.projector)]
     warps = [s.warp if isinstance(s, Sheet) else np.zeros(2) for s in state.surfaces]
     return np.concatenate([*lenses, np.zeros(6), *warps, *(r.ravel() for r in state.released)])
 

@@ -13,14 +13,14 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from slkit.calibration._normal import Problem, free_parameters, minimize, normal_equations
-from slkit.calibration._parameters import Array, pose_names
+from slkit.calibration._normal import Problem, free_parameters, minimize, normal_equations, total
+from slkit.calibration._parameters import Array
 from slkit.calibration._residuals import Block, Part, split
 from slkit.calibration._state import State
 from slkit.calibration.model import Model
 from slkit.calibration.surfaces import Sheet, Surface
 from slkit.data import BoardView, ResidualClass
-from slkit.geometry import LENS_NAMES, Pose, Rig
+from slkit.geometry import RIG_NAMES, Pose, Rig
 
 Masks = dict[str, npt.NDArray[np.bool_]]
 
@@ -110,8 +110,13 @@ def start_of(
     )
 
 
+def every_row(parts: Sequence[Part]) -> Masks:
+    """Return the masks (n,) per class that keep all rows."""
+    return {part.name: np.ones(len(part.view), dtype=bool) for part in parts}
+
+
 def _robust(problem: Problem, state: State) -> Adjusted:
-    kept: Masks = {p.name: np.ones(len(p.view), dtype=bool) for p in problem.parts}
+    kept = every_row(problem.parts)
     rejected: dict[int, str] = {}
     dof = {p.name: 1.0 for p in problem.parts}
     blocks = problem.blocks(state)
@@ -129,8 +134,7 @@ def _robust(problem: Problem, state: State) -> Adjusted:
 
 
 def _plain(problem: Problem, state: State) -> Adjusted:
-    kept: Masks = {p.name: np.ones(len(p.view), dtype=bool) for p in problem.parts}
-    return _finish(problem, state, kept, {}, huber=False)
+    return _finish(problem, state, every_row(problem.parts), {}, huber=False)
 
 
 def _finish(problem: Problem, state: State, kept: Masks, rejected: Mapping[int, str], huber: bool) -> Adjusted:
@@ -147,8 +151,8 @@ def _finish(problem: Problem, state: State, kept: Masks, rejected: Mapping[int, 
     weights = _weigher(problem, level, kept, huber)(blocks)
     matrices, _ = normal_equations(problem, blocks, weights, state)
     spread = problem.free.spread
-    shared = spread.shape[1]
-    covariance = spread @ _inverse(_total(matrices))[:shared, :shared] @ spread.T
+    shared = problem.free.count
+    covariance = spread @ _inverse(total(matrices))[:shared, :shared] @ spread.T
     free = np.flatnonzero(np.abs(spread).sum(axis=1))
     classes = {
         p.name: ResidualClass(
@@ -246,7 +250,7 @@ def _rms(values: Array) -> float:
 
 def _shares(problem: Problem, matrices: Mapping[str, Array], kept: Masks) -> dict[str, float]:
     """Return for each class which share of its residuals is not taken up by parameters (its redundancy)."""
-    inverse = _inverse(_total(matrices))
+    inverse = _inverse(total(matrices))
     return {
         p.name: 1 - float((inverse * matrices[p.name]).sum()) / max(2 * int(kept[p.name].sum()), 1)
         for p in problem.parts
@@ -296,10 +300,6 @@ def _medians(values: Array, view: npt.NDArray[np.intp]) -> tuple[npt.NDArray[np.
     return views, values[np.lexsort((values, view))][starts + counts // 2]
 
 
-def _total(matrices: Mapping[str, Array]) -> Array:
-    return np.asarray(np.sum(list(matrices.values()), axis=0))
-
-
 def _inverse(matrix: Array) -> Array:
     diagonal = np.diag(matrix)
     # The motion of a view that was rejected is undetermined: any number stands for it, nothing depends on it.
@@ -315,9 +315,7 @@ def _inverse(matrix: Array) -> Array:
 
 def parameter_names(state: State) -> list[str]:
     """Return the names of all shared parameters."""
-    names = [f"camera.{n}" for n in LENS_NAMES] + [f"projector.{n}" for n in LENS_NAMES]
-    names += pose_names("projector_from_camera")
-    names += [f"board{b}.warp_{a}" for b in range(len(state.surfaces)) for a in "xy"]
+    names = [*RIG_NAMES, *(f"board{b}.warp_{a}" for b in range(len(state.surfaces)) for a in "xy")]
     return names + [
         f"board{b}.point{i}_{a}" for b, r in enumerate(state.released) for i in range(len(r)) for a in "xyz"
     ]

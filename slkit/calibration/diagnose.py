@@ -15,7 +15,7 @@ from slkit.calibration.bundle import adjust
 from slkit.calibration.model import Model
 from slkit.data import BoardView, Calibration, DeviceDiagnosis, Diagnosis, ViewResult
 from slkit.errors import CalibrationError
-from slkit.geometry import LENS_NAMES, Pinhole, Pose, Rig
+from slkit.geometry import LENS_NAMES, MOTION_NAMES, Pinhole, Pose, Rig, sigmas_of
 
 _ALIKE = 0.99
 _FEWEST_HALVES = 6
@@ -185,26 +185,16 @@ def _range(values: Sequence[float]) -> tuple[float, float]:
 
 def _parameters(name: str, device: Pinhole, motion: Pose, calibration: Calibration) -> dict[str, tuple[float, float]]:
     """Return the device's free parameters with their 1 sigma; the motion's rotation as the motion it would take."""
-    sigmas = _sigmas(calibration)
-    K = device.K
-    values = [K[0, 0], K[1, 1], K[0, 2], K[1, 2], K[0, 1], *device.distortion]
-    found = {
-        n: (float(v), sigmas[f"{name}.{n}"]) for n, v in zip(LENS_NAMES, values, strict=True) if f"{name}.{n}" in sigmas
-    }
+    sigmas = sigmas_of(calibration.covariance)
+    values = zip(LENS_NAMES, device.parameters.tolist(), strict=True)
+    found = {n: (v, sigmas[f"{name}.{n}"]) for n, v in values if f"{name}.{n}" in sigmas}
     if name == "projector":
         moves = [*np.degrees(motion.rotation_vector), *motion.translation]
-        for part, value in zip(("rx", "ry", "rz", "tx", "ty", "tz"), moves, strict=True):
+        for part, value in zip(MOTION_NAMES, moves, strict=True):
             sigma = sigmas.get(f"projector_from_camera.{part}")
             if sigma is not None:
                 found[part] = float(value), float(np.degrees(sigma)) if part.startswith("r") else sigma
     return found
-
-
-def _sigmas(calibration: Calibration) -> dict[str, float]:
-    if calibration.covariance is None:
-        return {}
-    sigma = np.sqrt(np.maximum(np.diag(calibration.covariance["matrix"]), 0))
-    return dict(zip(calibration.covariance["parameters"], sigma.tolist(), strict=True))
 
 
 def _correlations(calibration: Calibration) -> tuple[tuple[str, str, float], ...]:

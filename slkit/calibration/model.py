@@ -9,9 +9,8 @@ from typing import Literal
 import numpy as np
 
 from slkit.errors import InputError
-from slkit.geometry import Pinhole
+from slkit.geometry import DISTORTION_NAMES, Pinhole
 
-DISTORTION_NAMES = ("k1", "k2", "p1", "p2", "k3")
 DEFAULT_DISTORTION = ("k1", "k2", "p1", "p2")
 
 

@@ -16,7 +16,6 @@ from slkit.calibration._parameters import (
     homogeneous_zero,
     left_jacobian,
     moved_pose,
-    pose_names,
     pose_scale,
     rms,
 )
@@ -24,7 +23,7 @@ from slkit.calibration._state import moved_lens
 from slkit.calibration.model import Lens
 from slkit.data import BoardView, Finding
 from slkit.errors import CalibrationError, InputError
-from slkit.geometry import LENS_NAMES, Pinhole, Pose, as_size, homogeneous, project_with_derivatives
+from slkit.geometry import LENS_NAMES, RIG_NAMES, Pinhole, Pose, as_size, homogeneous, project_with_derivatives
 
 _SAME_DEG = 1.0
 """Refinement often takes both planar solutions to one pose; closer than this they are one."""
@@ -166,7 +165,7 @@ def solve_projector(
     carry = np.asarray(block_diag(spread[free], np.eye(6)))
     covariance = carry @ covariance_of(found.jac, found.fun) @ carry.T
     names = [f"projector.{n}" for n, is_free in zip(LENS_NAMES, free, strict=True) if is_free]
-    parameters = (*names, *pose_names("projector_from_camera"))
+    parameters = (*names, *RIG_NAMES[-6:])
     return ProjectorFit(device, pose, found.fun.reshape(-1, 2), parameters, covariance)
 
 

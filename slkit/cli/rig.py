@@ -84,6 +84,8 @@ def _report(written: dict[str, Any], as_json: bool) -> None:
 def _table(rig: Rig, origin: dict[str, Any]) -> dict[str, Any]:
     import numpy as np
 
+    from slkit.geometry import sigmas_of
+
     pose = rig.projector_from_camera
     devices = {
         name: {"size": list(d.size), "K": d.K.tolist(), "distortion": d.distortion.tolist()}
@@ -93,20 +95,10 @@ def _table(rig: Rig, origin: dict[str, Any]) -> dict[str, Any]:
         "baseline_mm": float(np.linalg.norm(pose.translation)),
         "projector_center_mm": rig.projector_center.tolist(),
         "rotation_deg": float(np.degrees(np.linalg.norm(pose.rotation_vector))),
-        "sigma": _sigmas(rig),
+        "sigma": sigmas_of(rig.covariance),
         "rms_px": origin.get("rms_px"),
         "method": origin.get("method"),
     }
-
-
-def _sigmas(rig: Rig) -> dict[str, float]:
-    """Return 1 sigma of every parameter that the covariance names; empty without one."""
-    import numpy as np
-
-    if rig.covariance is None:
-        return {}
-    spread = np.sqrt(np.diag(np.asarray(rig.covariance["matrix"], dtype=np.float64)))
-    return dict(zip(rig.covariance["parameters"], spread.tolist(), strict=True))
 
 
 def _describe(name: str, device: Pinhole, sigmas: dict[str, float]) -> str:

@@ -7,15 +7,18 @@ the whole list.
 from __future__ import annotations
 
 from slkit.geometry.checks import Floats, as_floats, as_size
-from slkit.geometry.derivatives import LENS_NAMES, normalize_with_derivatives, project_with_derivatives
-from slkit.geometry.lenses import Pinhole
-from slkit.geometry.poses import Pose
+from slkit.geometry.derivatives import normalize_with_derivatives, project_with_derivatives
+from slkit.geometry.lenses import DISTORTION_NAMES, LENS_NAMES, Pinhole
+from slkit.geometry.poses import MOTION_NAMES, Pose
 from slkit.geometry.rays import homogeneous, intersect_plane, intersect_rays
-from slkit.geometry.rigs import Rig
+from slkit.geometry.rigs import RIG_NAMES, Rig, sigmas_of
 from slkit.geometry.volumes import pixel_grid, steeper_axis, working_volume
 
 __all__ = [
+    "DISTORTION_NAMES",
     "LENS_NAMES",
+    "MOTION_NAMES",
+    "RIG_NAMES",
     "Floats",
     "Pinhole",
     "Pose",
@@ -28,6 +31,7 @@ __all__ = [
     "normalize_with_derivatives",
     "pixel_grid",
     "project_with_derivatives",
+    "sigmas_of",
     "steeper_axis",
     "working_volume",
 ]

@@ -10,8 +10,6 @@ import numpy.typing as npt
 from slkit.geometry.lenses import Pinhole, distort, distort_slopes
 
 Doubles = npt.NDArray[np.floating[Any]]
-LENS_NAMES = ("fx", "fy", "cx", "cy", "skew", "k1", "k2", "p1", "p2", "k3")
-"""The parameters of a lens in the order of every `d_lens`."""
 
 
 def project_with_derivatives(lens: Pinhole, xyz: Doubles) -> tuple[Doubles, Doubles, Doubles]:

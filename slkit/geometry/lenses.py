@@ -12,6 +12,9 @@ from slkit.errors import InputError
 from slkit.geometry.checks import Floats, as_floats, as_size
 from slkit.geometry.rays import homogeneous
 
+DISTORTION_NAMES = ("k1", "k2", "p1", "p2", "k3")
+LENS_NAMES = ("fx", "fy", "cx", "cy", "skew", *DISTORTION_NAMES)
+"""The parameters of a lens in the order of `Pinhole.parameters` and of every `d_lens`."""
 _UNDISTORTION_STEPS = 20
 _UNDISTORTION_TOLERANCE = 1e-12
 
@@ -38,6 +41,12 @@ class Pinhole:
             raise InputError("K must be upper triangular with 1 in its last corner")
         object.__setattr__(self, "K", matrix)
         object.__setattr__(self, "distortion", as_floats(self.distortion, (5,), "distortion"))
+
+    @property
+    def parameters(self) -> npt.NDArray[np.float64]:
+        """The values (10,) of LENS_NAMES, px and unitless."""
+        (fx, skew, cx), (_, fy, cy), _ = self.K
+        return np.array([fx, fy, cx, cy, skew, *self.distortion], dtype=np.float64)
 
     def project(self, xyz: npt.ArrayLike) -> npt.NDArray[np.float64]:
         """Return the pixels (..., 2) at which points (..., 3) of this device's own frame (mm) appear.

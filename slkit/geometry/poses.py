@@ -10,6 +10,9 @@ import numpy.typing as npt
 from slkit.errors import InputError
 from slkit.geometry.checks import Floats, as_floats
 
+MOTION_NAMES = ("rx", "ry", "rz", "tx", "ty", "tz")
+"""A small motion in front of a pose: a rotation vector in radians, then mm."""
+
 
 @dataclass(frozen=True, eq=False)
 class Pose:

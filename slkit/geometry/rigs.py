@@ -9,8 +9,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from slkit.geometry.lenses import Pinhole
-from slkit.geometry.poses import Pose
+from slkit.geometry.lenses import LENS_NAMES, Pinhole
+from slkit.geometry.poses import MOTION_NAMES, Pose
+
+RIG_NAMES = (
+    *(f"camera.{n}" for n in LENS_NAMES),
+    *(f"projector.{n}" for n in LENS_NAMES),
+    *(f"projector_from_camera.{n}" for n in MOTION_NAMES),
+)
+"""The parameters of a rig that move points, in the order of every derivative over a rig."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,3 +42,11 @@ class Rig:
     def to_projector(self, xyz: npt.ArrayLike) -> npt.NDArray[np.float64]:
         """Return the projector pixels (..., 2) that light camera-frame points (..., 3) in mm."""
         return self.projector.project(self.projector_from_camera.apply(xyz))
+
+
+def sigmas_of(covariance: Mapping[str, Any] | None) -> dict[str, float]:
+    """Return 1 sigma of every parameter that a covariance names, in radians for rotations; empty without one."""
+    if covariance is None:
+        return {}
+    variances = np.diag(np.asarray(covariance["matrix"], dtype=np.float64))
+    return dict(zip(covariance["parameters"], np.sqrt(np.maximum(variances, 0)).tolist(), strict=True))

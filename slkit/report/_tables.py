@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from slkit.data import Calibration, ViewResult
-from slkit.geometry import LENS_NAMES, Pinhole
+from slkit.geometry import LENS_NAMES, MOTION_NAMES, sigmas_of
 from slkit.report._canvas import NOTHING, number, significant
 from slkit.report._evidence import kept_rows
 
 _UNITS = {name: "px" if name in ("fx", "fy", "cx", "cy", "skew") else "" for name in LENS_NAMES}
-_POSE = ("rx", "ry", "rz", "tx", "ty", "tz")
 
 
 @dataclass(frozen=True)
@@ -57,9 +55,9 @@ def _view_row(index: int, view: ViewResult, left_out: Mapping[str, float]) -> tu
 
 def lenses_table(calibration: Calibration) -> Table:
     """Return the parameters of both lenses with their 1 sigma, or that they were not estimated."""
-    sigma = _sigmas(calibration.covariance)
+    sigma = sigmas_of(calibration.covariance)
     devices = {"camera": calibration.rig.camera, "projector": calibration.rig.projector}
-    values = {device: _lens_values(lens) for device, lens in devices.items()}
+    values = {d: dict(zip(LENS_NAMES, lens.parameters.tolist(), strict=True)) for d, lens in devices.items()}
     rows = tuple(
         (
             name,
@@ -74,10 +72,10 @@ def lenses_table(calibration: Calibration) -> Table:
 
 def pose_table(calibration: Calibration) -> Table:
     """Return the pose of the projector and the baseline with their 1 sigma."""
-    sigma = _sigmas(calibration.covariance)
+    sigma = sigmas_of(calibration.covariance)
     pose = calibration.rig.projector_from_camera
     rows: list[tuple[str, ...]] = []
-    for name, value in zip(_POSE, (*np.degrees(pose.rotation_vector), *pose.translation), strict=True):
+    for name, value in zip(MOTION_NAMES, (*np.degrees(pose.rotation_vector), *pose.translation), strict=True):
         turns = name.startswith("r")
         spread = sigma.get(f"projector_from_camera.{name}")
         spread = np.degrees(spread) if turns and spread is not None else spread
@@ -95,24 +93,10 @@ def _sigma_note(sigma: Mapping[str, float]) -> str:
     return "The method gives no covariance, so no 1 sigma is known."
 
 
-def _lens_values(lens: Pinhole) -> dict[str, float]:
-    K = lens.K
-    values = (K[0, 0], K[1, 1], K[0, 2], K[1, 2], K[0, 1], *lens.distortion)
-    return {name: float(value) for name, value in zip(LENS_NAMES, values, strict=True)}
-
-
-def _sigmas(covariance: Mapping[str, Any] | None) -> dict[str, float]:
-    """Return the 1 sigma of each parameter by name."""
-    if covariance is None:
-        return {}
-    variances = np.diag(np.asarray(covariance["matrix"], dtype=np.float64))
-    return dict(zip(covariance["parameters"], np.sqrt(np.maximum(variances, 0)).tolist(), strict=True))
-
-
 def _baseline_sigma(calibration: Calibration) -> float | None:
     """Return the 1 sigma in mm of the distance between camera and projector, None where it is not known."""
     names = [] if calibration.covariance is None else list(calibration.covariance["parameters"])
-    wanted = [f"projector_from_camera.{n}" for n in _POSE[3:]]
+    wanted = [f"projector_from_camera.{n}" for n in MOTION_NAMES[3:]]
     translation = calibration.rig.projector_from_camera.translation
     length = float(np.linalg.norm(translation))
     if calibration.covariance is None or length == 0 or not set(wanted) <= set(names):

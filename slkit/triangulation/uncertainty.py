@@ -15,7 +15,7 @@ import numpy.typing as npt
 from slkit.data import VolumeMap
 from slkit.errors import InputError
 from slkit.geometry import (
-    LENS_NAMES,
+    RIG_NAMES,
     Rig,
     homogeneous,
     pixel_grid,
@@ -25,14 +25,6 @@ from slkit.geometry import (
 )
 
 Doubles = npt.NDArray[np.float64]
-
-RIG_NAMES = (
-    *(f"camera.{n}" for n in LENS_NAMES),
-    *(f"projector.{n}" for n in LENS_NAMES),
-    *(f"projector_from_camera.{n}" for n in ("rx", "ry", "rz", "tx", "ty", "tz")),
-)
-"""The parameters of a rig that move points, in the order of every derivative here. The last six are a small motion in
-front of the pose: a rotation vector in radians, then mm."""
 
 _PARALLEL = 1e-12
 """Sine of the angle between ray and sheet of light, roughly, below which they do not meet."""

@@ -10,10 +10,10 @@ import pytest
 
 from slkit.data import Correspondences
 from slkit.errors import InputError
-from slkit.geometry import Pinhole, Pose, Rig, homogeneous
+from slkit.geometry import RIG_NAMES, Pinhole, Pose, Rig, homogeneous
 from slkit.report.measure import volume_error
 from slkit.triangulation import point_covariance, ray_plane, triangulate, two_rays, uncertainty_map
-from slkit.triangulation.uncertainty import RIG_NAMES, point_jacobian, rig_covariance
+from slkit.triangulation.uncertainty import point_jacobian, rig_covariance
 
 MOVE_MM = 2.0
 """How far numeric derivatives move the farthest point: a float32 point is known to 6e-5 mm."""
