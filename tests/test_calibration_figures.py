@@ -10,7 +10,7 @@ import pytest
 
 from slkit import pipeline
 from slkit.calibration.bundle import adjust
-from slkit.calibration.diagnose import left_out, predicted, repeating
+from slkit.calibration.diagnose import jointly, left_out, predicted, repeating
 from slkit.calibration.model import Lens, Model
 from slkit.calibration.select import select_distortion
 from slkit.calibration.solve import calibrate_camera, solve_projector
@@ -68,11 +68,11 @@ def test_joint_adjustment_of_real_boards(captures, name, asked):
     bent = replace(calibrator, model=Model(warp=True, loss="squares")).solve(views)
     everything = replace(calibrator, model=Model(loss="squares")).solve(views)
     of_opencv, opencv_rms = opencv_rig(views, calibrator.projector)
-    ours = rms(left_out(everything, calibrator.model).values())
+    ours = rms(left_out(everything, jointly(everything, calibrator.model)).values())
     theirs = rms(
         predicted(opencv_rig([v for v in views if v is not view], calibrator.projector)[0], view) for view in views
     )
-    robust = rms(left_out(found, calibrator.model).values())
+    robust = rms(left_out(found, jointly(found, calibrator.model)).values())
     print(
         f"{name}: rms_joint {found.rms_joint:.4f} px with {kept} of {total} corners, "
         f"{everything.rms_joint:.4f} with all, {bent.rms_joint:.4f} with all and the board's warp, "
@@ -100,7 +100,7 @@ def test_joint_adjustment_of_planar_capture(captures):
     assert error.aligned_mm <= 0.015
     assert error.rms_mm <= 0.10
     assert found.verdict.grade == "good"
-    model, candidates = select_distortion(found, calibrator.model)
+    model, candidates = select_distortion(found, calibrator.model, lambda model: jointly(found, model))
     print("\n".join(f"{c.device} {' '.join(c.distortion) or 'none'}: {c.left_out_px:.4f} px" for c in candidates))
     assert model.camera.distortion == model.projector.distortion == ("k1", "k2", "p1", "p2")
 

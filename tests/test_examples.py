@@ -133,3 +133,9 @@ def test_ablation(capsys: pytest.CaptureFixture[str]):
     assert error["A"] > error["F"] > error["B"] > max(error["C"], error["D"])
     assert min(error["C"], error["D"]) > error["E"] > error["G"]
     assert error["E"] < 0.2 and error["G"] < 0.11
+
+
+def test_ablation_of_boards_that_hardly_tilt():
+    table = load("05_ablation").main(seeds=2, tilt_deg=3.0)
+    error = {name[0]: row["aligned_mm"] for name, row in table.items()}
+    assert error["G"] <= 0.25 < error["B"]

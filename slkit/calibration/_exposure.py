@@ -32,9 +32,9 @@ wider than in the other pictures."""
 class Look:
     """What a picture is like where its board is, or as a whole where none was found.
 
-    clipped: share of the pixels around corners at full scale; contrast: between black and white, in grey levels of 8
-    bits; noise: 1 sigma of it; edge_px: 1 sigma of an edge's blur, NaN where the contrast is too weak to tell;
-    square_px: distance of neighbouring corners, NaN where no board was found.
+    clipped: share of the pixels around corners at full scale, or of the bright ones where no board was found; contrast:
+    between black and white, in grey levels of 8 bits; noise: 1 sigma of it; edge_px: 1 sigma of an edge's blur, NaN
+    where the contrast is too weak to tell; square_px: distance of neighbouring corners, NaN where no board was found.
     """
 
     view: str
@@ -56,7 +56,10 @@ def look_at(view: str, role: str, picture: Image, points: Floats, full: float) -
     if len(points) < 4:
         low, high = np.percentile(levels, (2, 98))
         edge = _edge_px(levels, float(high - low), 99.9) if high - low > _LEAST_SNR * noise else np.nan
-        return Look(view, role, float((levels >= _FULL).mean()), float(high - low), noise, edge, np.nan)
+        # A board that was not found may be small: of what is bright most is then paper.
+        bright = levels > 0.5 * np.percentile(levels, 99.8)
+        clipped = float((levels >= _FULL).sum() / max(int(bright.sum()), 1))
+        return Look(view, role, clipped, float(high - low), noise, edge, np.nan)
     square = spacing(points)
     windows = [w for at in points if (w := _window(levels, at, int(np.clip(0.35 * square, *_WINDOW_PX)))) is not None]
     if not windows:

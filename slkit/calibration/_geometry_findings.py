@@ -9,18 +9,20 @@ import numpy as np
 from slkit.calibration._hypotheses import CHANCE, Explanation, Score
 from slkit.calibration._parameters import Array
 from slkit.calibration.bundle import Adjusted
-from slkit.calibration.diagnose import coverage
+from slkit.calibration.model import Model
 from slkit.data import BoardView, Finding
-from slkit.geometry import Pose, Rig
+from slkit.geometry import Pinhole, Pose, Rig, homogeneous, pixel_grid
 
 _NEARLY = 0.6
 """Explanations that take away this share of what the best one does are as good as it."""
 _RIVAL = 0.4
-"""An explanation that takes away less than this share of what the best one does is taken for its shadow."""
+"""Beside the best explanation another counts that takes away this share of what it does."""
 _WHOLE = 0.3
 """An explanation that takes away this share of the squares leaves nothing for others to explain."""
 _VISIBLE_PX = 0.1
 """Mistakes that move no pixel by as much do no harm worth naming."""
+_HARMFUL_PX = 2.0
+"""A rig whose projector is skewed by more, and not modelled so, measures shapes wrongly."""
 _ASPECT = 0.004
 """Pixels of projectors are square to two in a thousand."""
 _RESAMPLED = 0.025
@@ -30,29 +32,21 @@ _ZOOM, _ZOOM_PX, _ZOOM_SHARE = 2e-3, 1.0, 0.1
 """A lens that changed by less, or whose change explains less of the misfit, is imitated by inexact prints."""
 _ALIKE_DEG = 8.0
 _ONE_DEPTH = 0.05
-_NINTHS = 4
+_COVERS = 0.18
+"""Points whose outline covers a smaller share of an image, or of what both devices see of it, cover one corner."""
 
 
 def geometry_findings(
-    found: Adjusted, plain: Adjusted, views: Sequence[BoardView], boards: Sequence[str]
+    found: Adjusted, plain: Adjusted, views: Sequence[BoardView], boards: Sequence[str], model: Model
 ) -> list[Finding]:
     """Return what the numbers tell of mistakes, those that spoil most first.
 
     found: as adjusted; plain: adjusted without rejecting anything, for the explanation of a misfit may have been
-    rejected with the rows. boards: how to call each board in a sentence.
+    rejected with the rows. boards: how to call each board in a sentence; model: what was estimated.
     """
-    score = Score(plain)
-    credible = [e for e in score.explanations(views) if e.chance < CHANCE and _matters(e, score, plain.state.rig)]
-    top = max((e.share for e in credible), default=0.0)
-    # Of explanations that do nearly as well the one with the fewest parameters is taken.
-    best = max((e for e in credible if e.share > _NEARLY * top), key=lambda e: e.f, default=None)
-    share = best.share if best is not None else 0.0
-    findings = [
-        finding
-        for e in sorted(credible, key=lambda e: (e is not best, -e.share))
-        if e is best or (e.share > _RIVAL * share and e.code != "moved-board")
-        for finding in _told(e, views, boards)
-    ]
+    told = _explained(Score(plain), views, model, plain.state.rig)
+    share = told[0].share if told else 0.0
+    findings = [finding for e in told for finding in _told(e, views, boards, plain.state.rig)]
     if share < _WHOLE:
         named = {f.view for f in findings if f.code == "moved-board"}
         findings = [*(f for f in _rejected(found, views) if f.view not in named), *findings]
@@ -63,7 +57,24 @@ def geometry_findings(
     for number, name in enumerate(boards):
         mine = [i for i in range(len(views)) if board[i] == number and views[i].face is None]
         findings += pose_findings([views[i] for i in mine], [state.poses[i] for i in mine], name)
-    return findings + list(coverage_findings(np.concatenate([v.camera_xy for v in views]), views[0].image_size))
+    return findings + list(coverage_findings(state.rig, views, state.poses))
+
+
+def _explained(score: Score, views: Sequence[BoardView], model: Model, rig: Rig) -> list[Explanation]:
+    """Return the best explanation of the misfit, and those that hold beside it."""
+
+    def credible(test: Score) -> list[Explanation]:
+        found = [e if e.code != "keystone" else score.with_skew(e, model) for e in test.explanations(views)]
+        return [e for e in found if e.chance < CHANCE and _matters(e, score, rig)]
+
+    first = credible(score)
+    top = max((e.share for e in first), default=0.0)
+    # Of explanations that do nearly as well the one with the fewest parameters is taken.
+    best = max((e for e in first if e.share > _NEARLY * top), key=lambda e: e.f, default=None)
+    if best is None or best.share > _WHOLE:
+        return [] if best is None else [best]
+    beside = [e for e in credible(score.given(best)) if e.share > _RIVAL * best.share and e.code != best.code]
+    return [best, *sorted(beside, key=lambda e: -e.share)]
 
 
 def _rejected(found: Adjusted, views: Sequence[BoardView]) -> Iterator[Finding]:
@@ -85,14 +96,19 @@ def _matters(e: Explanation, score: Score, rig: Rig) -> bool:
     """Tell whether an explanation moves points by more than a trifle."""
     size = np.abs(e.value)
     if e.code in ("keystone", "camera-skew"):
-        device = rig.projector if e.code == "keystone" else rig.camera
-        return bool(size[0] * device.size[1] / (2 * device.K[1, 1]) > _VISIBLE_PX)
+        return _skewed_px(e, rig) > _VISIBLE_PX
     if e.code == "zoomed":
         return bool(e.share > _ZOOM_SHARE and (size[0] > _ZOOM or size[1:].max() > _ZOOM_PX))
     return float(size.max()) > _BEND * score.diagonal(e.where)
 
 
-def _told(e: Explanation, views: Sequence[BoardView], boards: Sequence[str]) -> list[Finding]:
+def _skewed_px(e: Explanation, rig: Rig) -> float:
+    """Return by how many px skew moves the upper and the lower edge of a device's image."""
+    device = rig.projector if e.code == "keystone" else rig.camera
+    return float(abs(e.value[0]) * device.size[1] / (2 * device.K[1, 1]))
+
+
+def _told(e: Explanation, views: Sequence[BoardView], boards: Sequence[str], rig: Rig) -> list[Finding]:
     """Return what an explanation means to the user; one that concerns several views on their own, once a view."""
     if e.code == "moved-board":
         rises = e.value.reshape(-1, 3)[:, 0]
@@ -100,10 +116,10 @@ def _told(e: Explanation, views: Sequence[BoardView], boards: Sequence[str]) -> 
             _moved(views[v].name, f"it rose by {rise:+.1f} mm and tilted in between")
             for v, rise in zip(e.views, rises, strict=True)
         ]
-    return [_sentence(e, views, boards)]
+    return [_sentence(e, views, boards, rig)]
 
 
-def _sentence(e: Explanation, views: Sequence[BoardView], boards: Sequence[str]) -> Finding:
+def _sentence(e: Explanation, views: Sequence[BoardView], boards: Sequence[str], rig: Rig) -> Finding:
     share = f"it explains {100 * e.share:.0f} % of the misfit"
     if e.code == "keystone":
         return Finding(
@@ -111,6 +127,7 @@ def _sentence(e: Explanation, views: Sequence[BoardView], boards: Sequence[str])
             "",
             "switch off keystone correction and take all views again, or set model.projector.skew = true",
             "keystone",
+            "bad" if _skewed_px(e, rig) > _HARMFUL_PX else "usable",
         )
     if e.code == "camera-skew":
         return Finding(
@@ -127,9 +144,10 @@ def _sentence(e: Explanation, views: Sequence[BoardView], boards: Sequence[str])
             "bent-board",
         )
     if e.code == "wrong-marks":
-        mark = int(np.argmax(np.hypot(*e.value.reshape(-1, 2).T)))
+        off = float(np.hypot(*e.value.reshape(-1, 2).T).max())
+        which = "marks seem up to" if e.place is None else f"the mark at ({e.place[0]:g}, {e.place[1]:g}) mm seems"
         return Finding(
-            f"mark {mark + 1} seems {np.abs(e.value).max():.1f} mm from where xy_mm puts it: {share}",
+            f"{which} {off:.1f} mm from where xy_mm puts {'them' if e.place is None else 'it'}: {share}",
             "",
             "measure the marks from centre to centre again and mend xy_mm",
             "wrong-marks",
@@ -181,12 +199,43 @@ def pose_findings(views: Sequence[BoardView], poses: Sequence[Pose], side: str) 
         yield Finding(fault, "", "move the board nearer and farther, over the depth of what you will scan", "one-depth")
 
 
-def coverage_findings(camera_xy: Array, size: tuple[int, int]) -> Iterator[Finding]:
-    """Name points (n, 2) px that cover one corner of an image only."""
-    filled = coverage(camera_xy, size) > 0.01 * len(camera_xy)
-    if int(filled.sum()) <= _NINTHS:
-        fault = f"the points cover {int(filled.sum())} of the nine ninths of the camera's image"
-        yield Finding(fault, "", "take views that fill the image, its corners too", "one-corner")
+def coverage_findings(rig: Rig, views: Sequence[BoardView], poses: Sequence[Pose]) -> Iterator[Finding]:
+    """Name points that cover one corner of a device's image only, of what the other device lets them cover."""
+    lit = [i for i, v in enumerate(views) if v.projected.any()]
+    depths = [float(poses[i].translation[2]) for i in lit]
+    away = [float((rig.projector_from_camera @ poses[i]).translation[2]) for i in lit]
+    camera_xy = np.concatenate([v.camera_xy for v in views])
+    projector_xy = np.concatenate([views[i].projector_xy[views[i].projected] for i in lit])
+    # A printed board can be anywhere in the camera's image; one that light must fall on cannot.
+    free = len(lit) < len(views)
+    shared = 1.0 if free else _shared(rig.camera, rig.projector, rig.projector_from_camera, depths)
+    yield from _one_corner(camera_xy, rig.camera, shared, "camera", "take views that fill the image, its corners too")
+    shared = _shared(rig.projector, rig.camera, rig.projector_from_camera.inverse(), away)
+    remedy = "use a larger pattern, or take views in which the board catches light from all of the image"
+    yield from _one_corner(projector_xy, rig.projector, shared, "projector", remedy)
+
+
+def _one_corner(xy: Array, device: Pinhole, possible: float, name: str, remedy: str) -> Iterator[Finding]:
+    from scipy.spatial import ConvexHull, QhullError
+
+    try:
+        share = float(ConvexHull(xy).volume) / (device.size[0] * device.size[1])
+    except (QhullError, ValueError):
+        return
+    if share < _COVERS * possible:
+        usable = "" if possible == 1 else f"; board and both devices would let them cover {100 * possible:.0f} %"
+        yield Finding(f"the points cover {100 * share:.0f} % of the {name}'s image{usable}", "", remedy, "one-corner")
+
+
+def _shared(device: Pinhole, other: Pinhole, other_from_device: Pose, depths: Sequence[float]) -> float:
+    """Return the share of a device's image in which it sees, at one of some depths in mm, what the other one sees."""
+    pixels = pixel_grid(device.size).reshape(-1, 2)
+    rays = homogeneous(device.normalize(pixels))
+    seen = np.zeros(len(rays), dtype=bool)
+    for depth in depths:
+        xy = other.project(other_from_device.apply(depth * rays))
+        seen |= ((xy >= 0) & (xy <= np.array(other.size) - 1)).all(axis=1)
+    return float(seen.mean())
 
 
 def _middle(view: BoardView, pose: Pose) -> float:

@@ -8,15 +8,17 @@ Source: Rao's score test (1948).
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from slkit.calibration._normal import whole_jacobian
+from slkit.calibration._normal import cost, free_parameters, minimize, whole_jacobian
 from slkit.calibration._parameters import Array
 from slkit.calibration._residuals import Block, Ints
 from slkit.calibration._state import LENS, MOTION
 from slkit.calibration.bundle import Adjusted
+from slkit.calibration.model import Model
 from slkit.calibration.surfaces import Sheet
 from slkit.data import BoardView
 
@@ -24,12 +26,17 @@ CHANCE = 1e-6
 """How likely noise alone may imitate an explanation that is believed."""
 
 
+_ALONE = 0.9
+"""One mark that explains this share of what several do is the only one."""
+
+
 @dataclass(frozen=True, eq=False)
 class Explanation:
     """A mistake that the residuals speak for.
 
     code: its name; value (k,): what its parameters would be, sigma (k,) 1 sigma; share: of the weighted squares, how
-    many it takes away; f: its F statistic, of k parameters. views: which it concerns, by index. where: of the board.
+    many it takes away; f: its F statistic, of k parameters. views: which it concerns, by index. where: of the board;
+    place: (x, y) mm on it. extra (m, k): the weighted derivatives of all residuals over its parameters.
     """
 
     code: str
@@ -40,6 +47,8 @@ class Explanation:
     chance: float
     views: tuple[int, ...] = ()
     where: int = 0
+    place: tuple[float, float] | None = None
+    extra: Array = field(default_factory=lambda: np.empty((0, 0)), repr=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,11 +60,16 @@ class _Fitted:
     inverse: Array
 
 
+def _fitted(residual: Array, jacobian: Array) -> _Fitted:
+    scaled = jacobian / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
+    return _Fitted(residual, scaled, np.linalg.pinv(scaled.T @ scaled, hermitian=True, rcond=1e-13))
+
+
 class Score:
     """The score tests of one adjusted calibration."""
 
     def __init__(self, found: Adjusted) -> None:
-        self._problem, self._state = found.problem, found.state
+        self._problem, self._state, self._weights = found.problem, found.state, found.weights
         self._blocks: Mapping[str, Block] = found.problem.blocks(found.state)
         self._names = [p.name for p in self._problem.parts]
         self._roots = {n: np.sqrt(found.weights[n]) for n in self._names}
@@ -66,10 +80,15 @@ class Score:
             ]
         )
         residual = np.concatenate([self._weighted(n, self._blocks[n].error[:, :, None]) for n in self._names])[:, 0]
-        scale = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
-        inverse = np.linalg.pinv((jacobian / scale).T @ (jacobian / scale), hermitian=True, rcond=1e-13)
-        self._fitted = _Fitted(residual, jacobian / scale, inverse)
+        self._fitted = _fitted(residual, jacobian)
         self.dof = int((np.abs(residual) > 0).sum()) - jacobian.shape[1]
+
+    def given(self, e: Explanation) -> Score:
+        """Return the tests of what is left when an explanation is believed: what only looked like it is gone."""
+        other = copy(self)
+        other._fitted = _fitted(self._fitted.residual, np.concatenate([self._fitted.jacobian, e.extra], axis=1))
+        other.dof = self.dof - e.extra.shape[1]
+        return other
 
     def _weighted(self, name: str, columns: Array) -> Array:
         """Return columns (n, 2, k) times the root of their weights, as (2n, k)."""
@@ -88,7 +107,7 @@ class Score:
         )
         from scipy.stats import f as f_distribution
 
-        fitted = self._fitted
+        fitted, whole = self._fitted, extra
         length = np.linalg.norm(extra, axis=0)
         extra = extra - fitted.jacobian @ (fitted.inverse @ (fitted.jacobian.T @ extra))
         left = np.linalg.norm(extra, axis=0)
@@ -106,7 +125,7 @@ class Score:
         f = taken / width / rest
         chance = float(f_distribution.sf(f, width, self.dof - width))
         share = taken / max(total, 1e-300)
-        return Explanation(code, value / left, sigma / left, share, f, chance, tuple(views), where)
+        return Explanation(code, value / left, sigma / left, share, f, chance, tuple(views), where, extra=whole)
 
     def diagonal(self, board: int) -> float:
         """Return the diagonal in mm of a board's points."""
@@ -140,18 +159,39 @@ class Score:
             columns[part.name] = block.height[:, :, None] * shape[:, None]
         return self.test("bent-board", columns, where=board)
 
+    def with_skew(self, keystone: Explanation, model: Model) -> Explanation:
+        """Return the explanation by skewed pixels of the projector as a new solution finds it, with the same weights.
+
+        Strong keystone correction is more than a small step away, yet focal lengths, skew and a turn make all of it.
+        """
+        problem, state, weights = self._problem, self._state, self._weights
+        skewed = replace(model, projector=replace(model.projector, skew=True))
+        other = replace(problem, free=free_parameters(skewed, state, problem.parts))
+        there, blocks, _ = minimize(other, state, lambda _: weights)
+        before, after = cost(problem, self._blocks, weights, state), cost(other, blocks, weights, there)
+        share = 1 - after / max(before, 1e-300)
+        f = share / max(1 - share, 1e-12) * (self.dof - 1)
+        return replace(keystone, value=np.array([there.rig.projector.K[0, 1]]), share=share, f=f)
+
     def _marks(self) -> Explanation | None:
-        """Test whether single marks are elsewhere on the board than stated: two numbers a mark, in mm."""
+        """Test whether a mark is elsewhere on the board than stated, two numbers in mm; or several of them."""
         part = next((p for p in self._problem.parts if p.name == "marks"), None)
         if part is None:
             return None
         numbers = np.unique(part.point)
         turns = self._state.rotations[part.view]
         slope = self._blocks["marks"].pose[:, :, 3:] @ turns[:, :, :2]
-        # A shift of all marks together is a shift of the board: the last two stay where they are.
-        columns = [slope * (part.point == number)[:, None, None] for number in numbers[: max(len(numbers) - 2, 1)]]
         board = int(self._problem.board[part.view[0]])
-        return self.test("wrong-marks", {"marks": np.concatenate(columns, axis=2)}, where=board)
+        columns = [slope * (part.point == number)[:, None, None] for number in numbers]
+        # A shift of all marks together is a shift of the board: two of them stay where they are.
+        several = self.test("wrong-marks", {"marks": np.concatenate(columns[:-2] or columns[:1], axis=2)}, where=board)
+        single = [self.test("wrong-marks", {"marks": c}, where=board) for c in columns]
+        known = [(e, int(n)) for e, n in zip(single, numbers, strict=True) if e is not None]
+        best, number = max(known, key=lambda pair: pair[0].f, default=(None, 0))
+        if best is None or (several is not None and best.share < _ALONE * several.share):
+            return several
+        x, y = self._blocks["marks"].local[part.point == number][0, :2]
+        return replace(best, place=(float(x), float(y)))
 
     def _moved(self) -> Explanation | None:
         """Test in which views the board lay elsewhere when the pattern was shown: a rise in mm and two tilts a view.

@@ -17,7 +17,7 @@ from slkit.calibration._observe import Printed, Projected
 from slkit.calibration._parameters import Array, rms
 from slkit.calibration._sequence import in_sequence
 from slkit.calibration._two_sides import SIDES, Placed, observe_sides, place_sides
-from slkit.calibration.estimate import _calibration, estimate, points_of
+from slkit.calibration.estimate import assembled, estimate, points_of
 from slkit.calibration.model import Model
 from slkit.data import BoardView, Calibration, Capture
 from slkit.geometry import Pinhole, Pose, Rig, as_size
@@ -51,7 +51,7 @@ class CornerBoard:
     def observe(self, captures: Sequence[Capture]) -> list[BoardView]:
         """Return one view a capture: printed corners of side A, or the small board and projected corners of side B.
 
-        A picture in which nothing is found, or of another size than the first, becomes a view that says so.
+        A picture in which nothing is found, or of another size than most, becomes a view that says so.
         """
         return observe_sides(captures, self.printed, self.corner_board, self.projected)
 
@@ -80,7 +80,7 @@ class CornerBoard:
         found = in_sequence(
             rig, [placed.poses[v.name] for v in used], used, model, [placed.sides[v.name] for v in used]
         )
-        result = _calibration(_NAME, placed.views, used, found, model)
+        result = assembled(_NAME, placed.views, used, found, model)
         own = {v.name: rms(r) for v, r in zip(white, residuals, strict=True)}
         # A covariance belongs to a least-squares solution, which this is not.
         return replace(

@@ -15,8 +15,11 @@ from slkit.calibration.bundle import adjust
 from slkit.calibration.model import Model
 from slkit.data import BoardView, Calibration, DeviceDiagnosis, Diagnosis, ViewResult
 from slkit.errors import CalibrationError
-from slkit.geometry import LENS_NAMES, MOTION_NAMES, Pinhole, Pose, Rig, sigmas_of
+from slkit.geometry import LENS_NAMES, MOTION_NAMES, Pinhole, Pose, Rig, ninths, sigmas_of
+from slkit.protocols import Calibrator
 
+Solver = Callable[[Sequence[ViewResult]], Rig]
+"""What makes a rig of some of the views of a calibration."""
 _ALIKE = 0.99
 _FEWEST_HALVES = 6
 
@@ -30,14 +33,6 @@ def diagnosed(calibration: Calibration) -> Diagnosis:
         "projector": _device(rig.projector, used, rig.projector_from_camera, "projector_xy", calibration),
     }
     return Diagnosis(devices, _correlations(calibration), repeating(used))
-
-
-def coverage(xy: Array, size: tuple[int, int]) -> np.ndarray:
-    """Return how many points (n, 2) px lie in each ninth (3, 3) of an image of size (w, h), row by row."""
-    place = np.clip(np.floor(3 * (xy + 0.5) / np.array(size)), 0, 2).astype(np.intp)
-    counts = np.zeros((3, 3), dtype=np.intp)
-    np.add.at(counts, (place[:, 1], place[:, 0]), 1)
-    return counts
 
 
 def repeating(used: Sequence[ViewResult]) -> dict[str, tuple[Array, Array, Array]]:
@@ -68,33 +63,50 @@ def repeating(used: Sequence[ViewResult]) -> dict[str, tuple[Array, Array, Array
 
 
 def left_out(
-    calibration: Calibration, model: Model, tell: Callable[[int, int], None] | None = None
+    calibration: Calibration, solve: Solver, tell: Callable[[int, int], None] | None = None
 ) -> dict[str, Array]:
-    """Return for each view that was used the errors (n, 2) px with which a rig adjusted without it predicts it.
+    """Return for each view that was used the errors (n, 2) px with which a rig solved without it predicts it.
 
-    model: what is estimated, also another than the calibration's. The view's pose comes from its printed points in the
-    camera; the errors are those of its projected points in the projector, or of the printed ones where nothing is
-    projected. Solids, and views without which too little is left, are left away. tell: is called with how many are
-    done, and of how many.
+    The view's pose comes from its printed points in the camera; the errors are those of its projected points in the
+    projector, or of the printed ones where nothing is projected. Solids, and views without which too little is left,
+    are left away. tell: is called with how many are done, and of how many.
     """
     used = [r for r in calibration.views if r.used and r.view is not None and r.view.face is None]
-    views = [_kept(r) for r in used]
     errors: dict[str, Array] = {}
-    whole = replace(model, loss="squares")
-    for index, view in enumerate(views):
+    for index, result in enumerate(used):
         if tell is not None:
-            tell(index, len(views))
-        others = [i for i in range(len(views)) if i != index]
-        if not _enough([views[i] for i in others]):
+            tell(index, len(used))
+        others = [r for r in used if r is not result]
+        if not _enough([_kept(r) for r in others]):
             continue
-        names = sorted({used[i].board for i in others})
-        boards = [names.index(used[i].board) for i in others]
-        poses = [pose for i in others if (pose := used[i].pose) is not None]
-        found = adjust(calibration.rig, poses, [views[i] for i in others], whole, boards)
-        error = predicted(found.state.rig, view)
+        try:
+            error = predicted(solve(others), _kept(result))
+        except CalibrationError:
+            continue
         if error is not None:
-            errors[view.name] = error
+            errors[result.name] = error
     return errors
+
+
+def jointly(calibration: Calibration, model: Model) -> Solver:
+    """Return what adjusts the rig of a calibration to some of its views, the rows that were kept weighed alike.
+
+    model: what is estimated, also another than the calibration's.
+    """
+    whole = replace(model, loss="squares")
+
+    def solve(chosen: Sequence[ViewResult]) -> Rig:
+        names = sorted({r.board for r in chosen})
+        poses = [pose for r in chosen if (pose := r.pose) is not None]
+        boards = [names.index(r.board) for r in chosen]
+        return adjust(calibration.rig, poses, [_kept(r) for r in chosen], whole, boards).state.rig
+
+    return solve
+
+
+def by_method(calibrator: Calibrator) -> Solver:
+    """Return what solves some views of a calibration as its own method does."""
+    return lambda chosen: calibrator.solve([_kept(r) for r in chosen]).rig
 
 
 def _kept(result: ViewResult) -> BoardView:
@@ -174,7 +186,7 @@ def _device(
         seen.append(xy)
         depths.append(float(placed.apply([middle[0], middle[1], 0.0])[2]))
         tilts.append(float(np.degrees(np.arccos(np.clip(abs(placed.rotation[2, 2]), 0, 1)))))
-    counts = coverage(np.concatenate([*seen, np.empty((0, 2))]), device.size)
+    counts = ninths(np.concatenate([*seen, np.empty((0, 2))]), device.size)
     name = "camera" if pixels == "camera_xy" else "projector"
     return DeviceDiagnosis(counts, _range(depths), _range(tilts), _parameters(name, device, motion, calibration))
 

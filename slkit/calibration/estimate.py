@@ -13,14 +13,16 @@ from slkit.calibration._geometry_findings import geometry_findings
 from slkit.calibration._parameters import Array, rms
 from slkit.calibration._residuals import places
 from slkit.calibration._sequence import in_sequence
-from slkit.calibration._verdict import verdict_of
 from slkit.calibration.bundle import Adjusted, adjust
 from slkit.calibration.model import Lens, Model
 from slkit.calibration.surfaces import PointSet, Sheet, Surface
+from slkit.calibration.verdict import verdict_of
 from slkit.data import BoardView, Calibration, Finding, ViewResult
 from slkit.geometry import Pinhole, Pose, Rig, homogeneous
 
 _FEWEST_POINTS = 4
+ENOUGH_VIEWS = 5
+"""With fewer views of a flat board that locate the projector no calibration is called good."""
 
 
 def estimate(
@@ -33,12 +35,13 @@ def estimate(
     boards: Mapping[str, int] | None = None,
     surfaces: Sequence[Surface | None] | None = None,
     sides: Sequence[str] = ("the board",),
+    enough_views: int = ENOUGH_VIEWS,
 ) -> Calibration:
     """Return the calibration that explains the views.
 
     placed: a first pose camera_from_target of every view that counts, by name; camera: a first guess, projector: size
     (w, h) px; boards: by name which board a view shows, default all the same; surfaces: one a board, None for a sheet;
-    sides: how to call each board in a sentence.
+    sides: how to call each board in a sentence; enough_views: that locate the projector, for a good verdict.
     Errors: CalibrationError where the points do not determine a projector.
     """
     used = [v for v in views if v.name in placed]
@@ -53,8 +56,8 @@ def estimate(
     found = adjust(*arguments) if model.refine else in_sequence(*arguments)
     whole = all(mask.all() for mask in found.kept.values())
     plain = found if whole and found.weights else adjust(*arguments[:3], replace(model, loss="squares"), shown, given)
-    findings = geometry_findings(found, plain, used, sides)
-    return _calibration(method, views, used, found, model, findings)
+    findings = geometry_findings(found, plain, used, sides, model)
+    return assembled(method, views, used, found, model, findings, enough_views)
 
 
 def points_of(camera: Pinhole, pose: Pose, view: BoardView, surface: Surface | None = None) -> Array:
@@ -93,14 +96,16 @@ def alone(
     return np.split(error, ends[:-1])
 
 
-def _calibration(
+def assembled(
     method: str,
     views: Sequence[BoardView],
     used: Sequence[BoardView],
     found: Adjusted,
     model: Model,
     findings: Sequence[Finding] = (),
+    enough_views: int = ENOUGH_VIEWS,
 ) -> Calibration:
+    """Return rig, residuals and verdict of what was found, as a calibration; used: the views that it was found from."""
     state, rejected = found.state, {used[i].name: reason for i, reason in found.rejected.items()}
     names = [v.name for v in used]
     poses = dict(zip(names, state.poses, strict=True))
@@ -147,7 +152,7 @@ def _calibration(
         rms_projector=rms_projector,
         rms_joint=rms_joint,
         covariance=evidence,
-        verdict=verdict_of(rms_joint, results, findings),
+        verdict=verdict_of(rms_joint, results, findings, enough_views),
         notes=tuple(f"{r.name}: {r.reason}" for r in results if r.reason),
         classes=found.classes,
     )

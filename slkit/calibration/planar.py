@@ -38,7 +38,7 @@ class Planar:
     def observe(self, captures: Sequence[Capture]) -> list[BoardView]:
         """Return one view a capture: printed corners of side A, or marks and projected corners of side B.
 
-        A picture in which nothing is found, or of another size than the first, becomes a view that says so.
+        A picture in which nothing is found, or of another size than most, becomes a view that says so.
         """
         return observe_sides(captures, self.printed, self.marks, self.projected)
 

@@ -81,7 +81,8 @@ class ReferenceObject:
         camera, poses = self._place(used, [boards[v.name] for v in used], surfaces)
         placed = {v.name: pose for v, pose in zip(used, poses, strict=True)}
         arguments = (views, placed, camera, self.projector, self.model, boards, surfaces)
-        return estimate("reference-object", *arguments, sides=("side A", "the object")[not flat :])
+        sides = ("side A", "the object")[not flat :]
+        return estimate("reference-object", *arguments, sides=sides, enough_views=self.fewest_views)
 
     def _observe(self, capture: Capture, size: tuple[int, int]) -> BoardView:
         for picture in (capture.printed, capture.marks, capture.projected):

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from slkit.calibration._parameters import Array, rms
-from slkit.calibration.diagnose import left_out
+from slkit.calibration.diagnose import Solver, left_out
 from slkit.calibration.model import Model
 from slkit.data import Calibration
 from slkit.errors import CalibrationError
@@ -34,12 +34,16 @@ class Candidate:
 
 
 def select_distortion(
-    calibration: Calibration, model: Model, tell: Callable[[int, int], None] | None = None
+    calibration: Calibration,
+    model: Model,
+    solver: Callable[[Model], Solver],
+    tell: Callable[[int, int], None] | None = None,
 ) -> tuple[Model, tuple[Candidate, ...]]:
     """Return the model with the distortion sets that predict best, and all that were compared.
 
     The camera's set is chosen first, then the projector's. Of sets that predict as well as the best within two sigma
-    the leanest is taken: what a coefficient adds without need it adds to the errors where no points were.
+    the leanest is taken: what a coefficient adds without need it adds to the errors where no points were. solver: what
+    makes rigs of some of the views with a model.
     Errors: CalibrationError where no view can be left out.
     """
     candidates: list[Candidate] = []
@@ -51,7 +55,7 @@ def select_distortion(
         for index, tried in enumerate(models):
             if tell is not None:
                 tell(step * len(SETS) + index, 2 * len(SETS))
-            errors = left_out(calibration, tried)
+            errors = left_out(calibration, solver(tried))
             squares.append({name: float((e**2).sum(axis=1).mean()) for name, e in errors.items()})
             rms_px.append(rms(np.concatenate([*errors.values(), np.empty((0, 2))])))
         if not squares[-1]:

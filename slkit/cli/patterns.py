@@ -21,7 +21,11 @@ from slkit.errors import InputError
 
 def patterns(
     codec: Annotated[
-        str, typer.Argument(metavar="CODEC|RECIPE.toml|checkerboard", help="A codec's name, or a recipe.")
+        str,
+        typer.Argument(
+            metavar="CODEC|RECIPE.toml|checkerboard|charuco",
+            help="A codec's name, a recipe, or what the planar calibration projects: checkerboard or charuco.",
+        ),
     ],
     output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for the pictures.")],
     projector: ProjectorOption = None,
@@ -36,8 +40,8 @@ def patterns(
         name, built = pipeline.recipe_codec(codec, size, parse_settings(settings))
     elif size is None:
         raise InputError("say how large the projector's image is: --projector 1024x768")
-    elif codec == "checkerboard":
-        _checkerboard(size, output, settings, as_json)
+    elif codec in ("checkerboard", "charuco"):
+        _projected(codec, size, output, settings, as_json)
         return
     else:
         name, built = codec, pipeline.load_codec(codec, size, parse_settings(settings))
@@ -46,12 +50,13 @@ def patterns(
     _report(count, output, "capture.toml", as_json)
 
 
-def _checkerboard(size: tuple[int, int], output: Path, settings: list[str] | None, as_json: bool) -> None:
+def _projected(name: str, size: tuple[int, int], output: Path, settings: list[str] | None, as_json: bool) -> None:
     from slkit import pipeline
 
     if settings:
-        raise InputError("the projected checkerboard has no parameters: leave --set away")
-    pipeline.projected_checkerboard(size, output)
+        raise InputError(f"the projected {name} has no parameters: leave --set away")
+    write = pipeline.projected_charuco if name == "charuco" else pipeline.projected_checkerboard
+    write(size, output)
     _report(2, output, "calibration.toml", as_json)
 
 

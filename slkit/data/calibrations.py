@@ -44,13 +44,15 @@ class ViewResult:
 class Finding:
     """One reason of a verdict: what is wrong, in which view ("" = all), and what to do about it.
 
-    code: the fault's name for programs, such as `keystone`; "" for a remark that names no fault.
+    code: the fault's name for programs, such as `keystone`; "" for a remark that names no fault. limit: the best grade
+    that a calibration can have with it, "" where the code and the view say it.
     """
 
     fault: str
     view: str
     remedy: str
     code: str = ""
+    limit: str = ""
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from slkit.geometry.lenses import DISTORTION_NAMES, LENS_NAMES, Pinhole
 from slkit.geometry.poses import MOTION_NAMES, Pose
 from slkit.geometry.rays import homogeneous, intersect_plane, intersect_rays
 from slkit.geometry.rigs import RIG_NAMES, Rig, sigmas_of
-from slkit.geometry.volumes import pixel_grid, steeper_axis, working_volume
+from slkit.geometry.volumes import ninths, pixel_grid, steeper_axis, working_volume
 
 __all__ = [
     "DISTORTION_NAMES",
@@ -28,6 +28,7 @@ __all__ = [
     "homogeneous",
     "intersect_plane",
     "intersect_rays",
+    "ninths",
     "normalize_with_derivatives",
     "pixel_grid",
     "project_with_derivatives",

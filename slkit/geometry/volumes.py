@@ -23,6 +23,15 @@ def pixel_grid(size: tuple[int, int], step_px: float | None = None) -> npt.NDArr
     return np.stack(np.meshgrid(x, y), axis=-1)
 
 
+def ninths(xy: npt.ArrayLike, size: tuple[int, int]) -> npt.NDArray[np.intp]:
+    """Return how many points (n, 2) px lie in each ninth (3, 3) of an image (w, h), row by row."""
+    points = np.asarray(xy, dtype=np.float64).reshape(-1, 2)
+    place = np.clip(np.floor(3 * (points + 0.5) / np.array(size)), 0, 2).astype(np.intp)
+    counts = np.zeros((3, 3), dtype=np.intp)
+    np.add.at(counts, (place[:, 1], place[:, 0]), 1)
+    return counts
+
+
 def working_volume(
     rig: Rig, camera_xy: npt.ArrayLike, depths_mm: Sequence[float] | npt.NDArray[np.floating]
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:

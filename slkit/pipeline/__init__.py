@@ -14,7 +14,7 @@ from slkit.pipeline._calibrating import (
     provenance,
     solve_views,
 )
-from slkit.pipeline._patterns import load_codec, patterns, projected_checkerboard, recipe_codec
+from slkit.pipeline._patterns import load_codec, patterns, projected_charuco, projected_checkerboard, recipe_codec
 from slkit.pipeline._reporting import write_report
 from slkit.pipeline._scanning import ScanResult, bounds, exporter, make_filters, scan, view, write_cloud
 from slkit.pipeline._simulating import simulate_calibration, simulate_scan
@@ -33,6 +33,7 @@ __all__ = [
     "load_codec",
     "make_filters",
     "patterns",
+    "projected_charuco",
     "projected_checkerboard",
     "provenance",
     "recipe_codec",

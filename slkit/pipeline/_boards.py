@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,6 +36,8 @@ MARGIN_MM = 10.0
 """White around the drawing, for rulers and text."""
 _MARK_TEXT_MM = 8.0
 """Part of the margin that text and rulers take."""
+_SMALLEST_MM = 0.5
+"""Smallest square drawn: gaps, discs and markers are parts of it, rounded to tenths of a mm, and must not vanish."""
 
 Size = tuple[float, float]
 Corners = tuple[int, int]
@@ -65,19 +68,17 @@ def write_board(
     kind: one of `BOARDS`; page: one of `PAGES`. corners: inner corners, tags or circles in x and y; square_mm: side of
     a square, a tag or a cell of a mark, or the spacing of circles; both are chosen from the page where they are None.
     two_sided: a second page for the other side of the board, which registers in a duplex print.
-    Errors: InputError for an unknown kind, page or ending, or a board larger than the page.
+    Errors: InputError for an unknown kind, page or ending, or for corners or squares that do not suit the page.
     """
     from slkit.report.sheets import render
 
     path, size = Path(path), _page(page, landscape)
-    if square_mm is not None and not 0 < square_mm < math.inf:
-        raise InputError(f"square_mm must be a positive length, not {square_mm}")
+    name = f"{page} {'landscape' if landscape else 'portrait'}"
     kinds = [kind, _kind(kind).other_side] if two_sided else [kind]
     # Side A comes first, whichever was named.
     kinds.sort(key=lambda k: _kind(k).table != "printed")
-    targets = {k: _kind(k).design(size, *((corners, square_mm) if k == kind else (None, None))) for k in kinds}
+    targets = {k: _target(k, size, name, *((corners, square_mm) if k == kind else (None, None))) for k in kinds}
     tables = {_kind(k).table: registry.parameters_of(target) for k, target in targets.items()}
-    name = f"{page} {'landscape' if landscape else 'portrait'}"
     sheets = [_sheet(k, target, size, name, two_sided) for k, target in targets.items()]
     write_bytes(path, render(sheets, path.suffix.lower()))
     return tables
@@ -97,20 +98,64 @@ def _kind(name: str) -> _Kind:
     return BOARDS[name]
 
 
+def _target(kind: str, size: Size, page: str, corners: Corners | None, square_mm: float | None) -> Printable:
+    """Return the board. page: the name of that size. Errors: InputError for counts or squares that do not suit it."""
+    _check_counts(kind, size, page, corners)
+    design = _kind(kind).design
+    if square_mm is None:
+        return design(size, corners, None)
+    if not _fits(kind, size, corners, square_mm):
+        # In tenths of a mm: the largest that fits is one before the first that does not.
+        tenths = range(round(10 * _SMALLEST_MM), math.ceil(10 * max(size)) + 1)
+        most = bisect(tenths, False, key=lambda n: not _fits(kind, size, corners, n / 10))
+        raise InputError(
+            f"--square-mm must be {_SMALLEST_MM:g} to {tenths[most - 1] / 10:g} for {_named(kind, corners)} on {page}, "
+            f"not {square_mm:g}"
+        )
+    return design(size, corners, square_mm)
+
+
+def _check_counts(kind: str, size: Size, page: str, corners: Corners | None) -> None:
+    """Refuse counts that no size of the squares makes right. Errors: InputError."""
+    # The first keeps a board of millions of squares from being drawn.
+    crowded = any(n * _SMALLEST_MM > length for n, length in zip(corners or (), size, strict=False))
+    if not crowded:
+        # What is wrong with the counts themselves, the design says.
+        _kind(kind).design(size, corners, _SMALLEST_MM)
+    if crowded or not _fits(kind, size, corners, _SMALLEST_MM):
+        raise InputError(f"there is no room for {_named(kind, corners)} on {page}: take a larger page or fewer corners")
+
+
+def _named(kind: str, corners: Corners | None) -> str:
+    return kind if corners is None else f"{kind} with --corners {corners[0]}x{corners[1]}"
+
+
+def _fits(kind: str, size: Size, corners: Corners | None, square_mm: float) -> bool:
+    """Return whether a board with squares of that size can be drawn, its ink within the margins of the page."""
+    if not _SMALLEST_MM <= square_mm <= max(size):
+        return False
+    try:
+        target = _kind(kind).design(size, corners, square_mm)
+    except InputError:
+        return False
+    x0, y0, x1, y1 = target.ink().extent()
+    x, y = _origin(kind, target, size)
+    room = MARGIN_MM - 1e-6
+    return min(x + x0, y + y0, size[0] - x - x1, size[1] - y - y1) >= room
+
+
+def _origin(kind: str, target: Printable, size: Size) -> Size:
+    """Return where the target's origin lies: its ink in the middle, or near the corner of a sheet white elsewhere."""
+    x0, y0, x1, y1 = target.ink().extent()
+    if kind == "corner-board" and isinstance(target, Checkerboard):
+        return MARGIN_MM - x0 + target.square_mm / 2, MARGIN_MM - y0 + target.square_mm / 2
+    return (size[0] - x0 - x1) / 2, (size[1] - y0 - y1) / 2
+
+
 def _sheet(kind: str, target: Printable, size: Size, page: str, two_sided: bool) -> Any:
-    """Return the page: the drawing in its middle, save for a corner board, whose sheet is white elsewhere."""
+    """Return the page with the drawing and what is to be told about it."""
     from slkit.report.sheets import CROSS_MM, RULER_MM, Sheet
 
-    x0, y0, x1, y1 = target.ink().extent()
-    room = size[0] - 2 * MARGIN_MM, size[1] - 2 * MARGIN_MM
-    if x1 - x0 > room[0] + 1e-6 or y1 - y0 > room[1] + 1e-6:
-        raise InputError(
-            f"the board is {x1 - x0:g} x {y1 - y0:g} mm, but {page} has room for {room[0]:g} x {room[1]:g} mm: "
-            "take a larger page, or smaller squares"
-        )
-    origin = (size[0] - x0 - x1) / 2, (size[1] - y0 - y1) / 2
-    if kind == "corner-board" and isinstance(target, Checkerboard):
-        origin = (MARGIN_MM - x0 + target.square_mm / 2, MARGIN_MM - y0 + target.square_mm / 2)
     table = _kind(kind).table
     side = "side A" if table == "printed" else "side B"
     block = ", ".join(toml_text(registry.parameters_of(target)).splitlines())
@@ -118,7 +163,7 @@ def _sheet(kind: str, target: Printable, size: Size, page: str, two_sided: bool)
     duplex = "; print duplex, flip on the long edge, so that the crosses of both sides coincide" if two_sided else ""
     lines = (f"slkit board {kind}, {side}, {page}; {scale}{duplex}", f"[{table}] {block}")
     crosses = _crosses(size, table == "printed", CROSS_MM) if two_sided else ()
-    return Sheet(size, target, origin, lines, size[0] - 2 * _text_from_side(target), crosses)
+    return Sheet(size, target, _origin(kind, target, size), lines, size[0] - 2 * _text_from_side(target), crosses)
 
 
 def _text_from_side(target: Printable) -> float:
@@ -183,31 +228,46 @@ def _circles(page: Size, corners: Corners | None, square_mm: float | None) -> Ci
     circles = corners or ((6, 9) if page[0] > page[1] else (4, 11))
     # A disc, and white around it that its detection relies on, beside the outer centres.
     spans = 2 * circles[0] - 1 + 1.2, circles[1] - 1 + 1.2
-    largest = _whole(min(length / n for length, n in zip(_room(page), spans, strict=True)))
-    spacing = largest if square_mm is None else square_mm
+    largest = min(length / n for length, n in zip(_room(page), spans, strict=True))
+    spacing = _whole(largest) if square_mm is None else square_mm
+    if spacing > largest + 1e-6:
+        raise InputError(
+            f"circles {spacing:g} mm apart leave no white around them: take a larger page or fewer circles"
+        )
     return CircleGrid(circles, spacing, _whole(0.8 * spacing), asymmetric=True)
 
 
 def _corner_board(page: Size, corners: Corners | None, square_mm: float | None) -> Checkerboard:
-    return Checkerboard(corners or (7, 6), _whole(min(page) / 18) if square_mm is None else square_mm)
+    corners = corners or (7, 6)
+    # Half a square of white lies before the first square too.
+    largest = min(length / (n + 1.5) for length, n in zip(_room(page), corners, strict=True))
+    return Checkerboard(corners, _whole(min(min(page) / 18, largest)) if square_mm is None else square_mm)
 
 
 def _marks(page: Size, corners: Corners | None, square_mm: float | None) -> CornerMarks:
     cell = _cell(corners, square_mm, round(min(page) / 25))
-    x, y = (_fives(length / 2 - cell - MARGIN_MM) for length in page)
-    return CornerMarks(((-x, -y), (x, -y), (x, y), (-x, y)), cell)
+    # Three cells from centre to centre leave one of white between two marks.
+    return CornerMarks(_at_corners(page, cell + MARGIN_MM, 3 * cell), cell)
 
 
 def _border_marks(page: Size, corners: Corners | None, square_mm: float | None) -> BorderMarks:
     cell = _cell(corners, square_mm, round(min(page) / 32))
-    x, y = (_fives(length / 2 - 1.5 * cell - _MARK_TEXT_MM) for length in page)
+    inset = max(1.5 * cell + _MARK_TEXT_MM, cell + MARGIN_MM)
+    x, y = (_fives(length / 2 - inset) for length in page)
     return BorderMarks((2 * x, 2 * y), cell)
 
 
 def _tag_marks(page: Size, corners: Corners | None, square_mm: float | None) -> TagMarks:
     tag = _cell(corners, square_mm, round(min(page) / 10))
-    x, y = (_fives(length / 2 - 0.6 * tag - MARGIN_MM) for length in page)
-    return TagMarks(((-x, -y), (x, -y), (x, y), (-x, y)), tag)
+    return TagMarks(_at_corners(page, 0.6 * tag + MARGIN_MM, tag), tag)
+
+
+def _at_corners(page: Size, inset_mm: float, apart_mm: float) -> tuple[tuple[float, float], ...]:
+    """Return four places, TL TR BR BL, that far from the edges of the page. Errors: InputError where marks overlap."""
+    x, y = (_fives(length / 2 - inset_mm) for length in page)
+    if 2 * min(x, y) < apart_mm:
+        raise InputError(f"marks {2 * min(x, y):g} mm apart overlap: take a larger page, or smaller squares")
+    return (-x, -y), (x, -y), (x, y), (-x, y)
 
 
 def _cell(corners: Corners | None, square_mm: float | None, default: float) -> float:

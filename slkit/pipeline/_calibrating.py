@@ -86,9 +86,13 @@ def calibrate(
     do not suffice.
     """
     task = load_calibration(folder, method, parameters, progress)
-    calibration = calibrate_captures(task, str(folder), progress)
+    views, findings = observed(task, str(folder), progress)
+    calibration = solved(task, views, findings, progress)
     if select:
-        task, calibration = _selected(task, calibration, progress)
+        model, told = _selected(task.calibrator, calibration, progress)
+        task = dataclasses.replace(task, calibrator=model)
+        calibration = solved(task, views, findings, progress)
+        calibration = dataclasses.replace(calibration, notes=(*calibration.notes, *told))
     calibration = diagnose(calibration, task.calibrator, progress)
     if report is not None:
         write_report(report, calibration, task.captures, str(folder))
@@ -96,29 +100,24 @@ def calibrate(
 
 
 def _selected(
-    task: CalibrationTask, calibration: Calibration, progress: Progress | None
-) -> tuple[CalibrationTask, Calibration]:
-    """Return the calibration with the distortion coefficients that predict left-out views best."""
-    from slkit.calibration._verdict import judged
+    calibrator: Calibrator, calibration: Calibration, progress: Progress | None
+) -> tuple[Calibrator, Iterator[str]]:
+    """Return the calibrator with the distortion set that predicts left-out views best, and what was compared."""
+    from slkit.calibration.diagnose import by_method, jointly
     from slkit.calibration.model import Model
     from slkit.calibration.select import select_distortion
 
-    calibrator: Any = task.calibrator
-    if not isinstance(getattr(calibrator, "model", None), Model):
+    known: Any = calibrator
+    if not isinstance(getattr(known, "model", None), Model):
         raise InputError(f"--select needs a calibrator with a field `model`, which {calibration.method} has not")
-    model, candidates = select_distortion(calibration, calibrator.model, telling(progress, "compare models"))
-    chosen = dataclasses.replace(calibrator, model=model)
-    solved = solve_views(chosen, _views_of(calibration))
-    told = [f for f in calibration.verdict.reasons if f not in solved.verdict.reasons and f.view]
-    solved = dataclasses.replace(solved, verdict=judged(solved, told), notes=(*solved.notes, *_comparison(candidates)))
-    return dataclasses.replace(task, calibrator=chosen), solved
 
+    def solver(model: Model) -> Any:
+        if known.model.refine:
+            return jointly(calibration, model)
+        return by_method(dataclasses.replace(known, model=model))
 
-def _views_of(calibration: Calibration) -> list[BoardView]:
-    """Return the views that a calibration was solved from, and those that were not used with their reasons."""
-    used = [r.view for r in calibration.views if r.view is not None]
-    size = used[0].image_size
-    return [r.view if r.view is not None else BoardView.unusable(r.name, size, r.reason) for r in calibration.views]
+    model, candidates = select_distortion(calibration, known.model, solver, telling(progress, "compare models"))
+    return dataclasses.replace(known, model=model), _comparison(candidates)
 
 
 def _comparison(candidates: Sequence[Any]) -> Iterator[str]:
@@ -141,8 +140,14 @@ def calibrate_captures(task: CalibrationTask, where: str, progress: Progress | N
 
     Errors: CalibrationError where the usable views do not suffice; its `findings` are the mistakes that pictures show.
     """
-    from slkit.calibration._pictures import panel_findings, picture_findings
-    from slkit.calibration._verdict import judged
+    return solved(task, *observed(task, where, progress), progress)
+
+
+def observed(
+    task: CalibrationTask, where: str, progress: Progress | None = None
+) -> tuple[list[BoardView], tuple[Finding, ...]]:
+    """Return one view a capture, and the mistakes that the pictures show; errors as `calibrate_captures`."""
+    from slkit.calibration._pictures import picture_findings
 
     if progress is not None:
         progress("find boards", 0, 1)
@@ -153,6 +158,17 @@ def calibrate_captures(task: CalibrationTask, where: str, progress: Progress | N
     _check_views(views, task.kinds, where, findings, getattr(task.calibrator, "fewest_views", _FEWEST_VIEWS))
     if progress is not None:
         progress("find boards", 1, 1)
+    return views, findings
+
+
+def solved(
+    task: CalibrationTask, views: Sequence[BoardView], findings: Sequence[Finding], progress: Progress | None = None
+) -> Calibration:
+    """Return the calibration of what was observed, its verdict with what the pictures told; errors as `solve_views`."""
+    from slkit.calibration._pictures import panel_findings
+    from slkit.calibration.verdict import judged
+
+    if progress is not None:
         progress("solve", 0, 1)
     calibration = solve_views(task.calibrator, views, findings)
     if progress is not None:
@@ -169,7 +185,7 @@ def solve_views(calibrator: Calibrator, views: Sequence[BoardView], findings: Se
     Errors: CalibrationError where the views do not suffice, with `findings` that say why.
     """
     from slkit.calibration._pictures import orientation_findings
-    from slkit.calibration._verdict import judged
+    from slkit.calibration.verdict import judged
 
     told = tuple(findings) if findings else tuple(orientation_findings(views))
     try:

@@ -15,8 +15,13 @@ from slkit.protocols import Calibrator
 
 _PREDICTS = 3.0
 _NOTICED_PX = 0.3
-_DIFFERS = 4.0
-"""Two halves of the views differ by about twice the uncertainty of the whole: each has half of the points."""
+_DIFFERS, _FAR = 4.0, 20.0
+"""Two halves of the views differ by about twice the uncertainty of the whole: each has half of the points. By how many
+times it a rig that differs is usable only, or bad."""
+_VAGUE, _UNKNOWN = 1e-3, 5e-3
+"""A rig whose points are uncertain by a larger share of their depth is usable only, or bad."""
+_REPEATS, _REPEATS_PX = 0.25, 0.1
+"""More than this share of the printed points, off by three sigma in all views alike, tell of an inexact print."""
 
 
 def diagnose(calibration: Calibration, calibrator: Calibrator, progress: Progress | None = None) -> Calibration:
@@ -24,14 +29,17 @@ def diagnose(calibration: Calibration, calibrator: Calibrator, progress: Progres
 
     What cannot be had from so few views, or from a calibrator of another make, is left empty.
     """
-    from slkit.calibration._verdict import judged
-    from slkit.calibration.diagnose import diagnosed, left_out, with_left_out
+    from slkit.calibration.diagnose import by_method, diagnosed, jointly, left_out, with_left_out
     from slkit.calibration.model import Model
+    from slkit.calibration.verdict import judged
 
     diagnosis = diagnosed(calibration)
     model = getattr(calibrator, "model", None)
     if isinstance(model, Model) and model.release_mm is None:
-        errors = left_out(calibration, model, telling(progress, "leave views out"))
+        # The steps of a paper are judged by what they predict themselves, not by what an adjustment makes of them.
+        adjusted = model.refine and calibration.covariance is not None
+        solver = jointly(calibration, model) if adjusted else by_method(calibrator)
+        errors = left_out(calibration, solver, telling(progress, "leave views out"))
         diagnosis = with_left_out(diagnosis, errors, calibration)
     depths = board_depths(calibration)
     diagnosis = replace(
@@ -132,23 +140,61 @@ def _halves_apart(calibration: Calibration, calibrator: Calibrator, depths: tupl
 
 
 def _findings(calibration: Calibration, diagnosis: Diagnosis) -> list[Finding]:
-    findings: list[Finding] = []
+    found = [
+        _poor_prediction(calibration, diagnosis),
+        _vague(diagnosis),
+        _halves_finding(diagnosis),
+        _inexact_print(diagnosis),
+    ]
+    return [f for f in found if f is not None]
+
+
+def _poor_prediction(calibration: Calibration, diagnosis: Diagnosis) -> Finding | None:
     error, joint = diagnosis.left_out_rms_px, calibration.rms_joint
-    if error > max(_PREDICTS * joint, _NOTICED_PX):
-        fault = f"a view that is left out is predicted to {error:.2f} px only, the others fit to {joint:.2f} px"
-        remedy = (
-            "take more views at more different depths and tilts, or estimate fewer distortion coefficients (--select)"
-        )
-        findings.append(Finding(fault, "", remedy))
+    if not error > max(_PREDICTS * joint, _NOTICED_PX):
+        return None
+    fault = f"a view that is left out is predicted to {error:.2f} px only, the others fit to {joint:.2f} px"
+    remedy = "take more views at more different depths and tilts, or estimate fewer distortion coefficients (--select)"
+    return Finding(fault, "", remedy, limit="usable")
+
+
+def _vague(diagnosis: Diagnosis) -> Finding | None:
+    volume = diagnosis.uncertainty
+    if volume is None:
+        return None
+    share = volume.rms_mm / float(np.mean(volume.depths_mm))
+    if not share > _VAGUE:
+        return None
+    fault = (
+        f"over the working volume points are uncertain by {volume.rms_mm:.2g} mm, {100 * share:.1f} % of their depth"
+    )
+    remedy = "take more views, at more depths and tilts, whose points fill the images of both devices"
+    return Finding(fault, "", remedy, limit="bad" if share > _UNKNOWN else "usable")
+
+
+def _halves_finding(diagnosis: Diagnosis) -> Finding | None:
     halves, sigma = diagnosis.cross_validation, diagnosis.uncertainty
-    if halves is not None and sigma is not None and halves.rms_mm > _DIFFERS * sigma.rms_mm:
-        fault = (
-            f"rigs from two halves of the views differ by {halves.rms_mm:.2f} mm; by their noise it would be "
-            f"about {2 * sigma.rms_mm:.2f} mm"
-        )
-        remedy = "something is not in the model: a bent board, a lens that moved, a print that is not exact"
-        findings.append(Finding(fault, "", remedy))
-    return findings
+    if halves is None or sigma is None or not halves.rms_mm > _DIFFERS * sigma.rms_mm:
+        return None
+    fault = (
+        f"rigs from two halves of the views differ by {halves.rms_mm:.2g} mm; by their noise it would be "
+        f"about {2 * sigma.rms_mm:.2g} mm"
+    )
+    remedy = "something is not in the model: a bent board, a lens that moved, a print that is not exact"
+    return Finding(fault, "", remedy, limit="bad" if halves.rms_mm > _FAR * sigma.rms_mm else "usable")
+
+
+def _inexact_print(diagnosis: Diagnosis) -> Finding | None:
+    if "printed" not in diagnosis.repeating:
+        return None
+    _, means, sigma = diagnosis.repeating["printed"]
+    off = np.linalg.norm(means, axis=1)
+    beyond = off > np.maximum(3 * sigma, _REPEATS_PX)
+    if beyond.mean() < _REPEATS:
+        return None
+    fault = f"{beyond.sum()} of {len(off)} printed points lie elsewhere in all views alike, by up to {off.max():.2f} px"
+    remedy = "the print is not exact, or the board not flat: print it anew, or set model.release_mm or model.warp"
+    return Finding(fault, "", remedy, limit="good")
 
 
 def telling(progress: Progress | None, what: str) -> Callable[[int, int], None] | None:

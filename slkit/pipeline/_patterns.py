@@ -14,7 +14,7 @@ from slkit.errors import FileError
 from slkit.files import Progress, make_folder, merged, projector_size, read_toml, write_frames, write_toml
 from slkit.pipeline._slideshow import write_slideshow
 from slkit.protocols import Codec
-from slkit.targets import ProjectedCheckerboard
+from slkit.targets import ProjectedCharuco, ProjectedCheckerboard
 
 _CAPTURE_COMMENT = """\
 Copy this file into the folder that holds your pictures of these patterns, one picture a pattern in display order;
@@ -25,7 +25,7 @@ _CALIBRATION_COMMENT = """\
 What to do: print a checkerboard for side A of a flat board, and four corner marks on the white side B.
 1. side_a/          at least 3, better 10 pictures of side A under room light, tilted in all directions
 2. side_b_white/    the same number of poses of side B with white.png projected
-3. side_b_pattern/  the same poses in the same order with checkerboard.png projected
+3. side_b_pattern/  the same poses in the same order with {pattern}.png projected
 Measure your prints and change square_mm, corners, xy_mm and cell_mm below: they set the scale of every scan."""
 
 
@@ -88,14 +88,27 @@ def projected_checkerboard(projector: tuple[int, int], folder: str | Path) -> No
 
     projector: (width, height) px. Errors: InputError for a projector too small, FileError where it cannot be written.
     """
+    _write_projected("checkerboard", ProjectedCheckerboard.for_projector(projector), projector, folder)
+
+
+def projected_charuco(projector: tuple[int, int], folder: str | Path) -> None:
+    """Write the same with charuco.png, a pattern of which a part may miss the board, in place of the checkerboard.
+
+    projector: (width, height) px. Errors: InputError for a projector too small, FileError where it cannot be written.
+    """
+    _write_projected("charuco", ProjectedCharuco.for_projector(projector), projector, folder)
+
+
+def _write_projected(
+    name: str, pattern: ProjectedCheckerboard | ProjectedCharuco, projector: tuple[int, int], folder: str | Path
+) -> None:
     from slkit.files import write_png
 
     folder = make_folder(folder)
-    pattern = ProjectedCheckerboard.for_projector(projector)
     white = np.full((projector[1], projector[0]), 255, np.uint8)
-    frames = Frames.of([white, pattern.draw(projector)], ["white", "checkerboard"])
-    for picture, name in zip(frames, frames.names, strict=True):
-        write_png(folder / f"{name}.png", picture)
+    frames = Frames.of([white, pattern.draw(projector)], ["white", name])
+    for picture, frame in zip(frames, frames.names, strict=True):
+        write_png(folder / f"{frame}.png", picture)
     table = {
         "method": "planar",
         "projector": list(projector),
@@ -107,8 +120,8 @@ def projected_checkerboard(projector: tuple[int, int], folder: str | Path) -> No
         },
         "projected": {"images": "side_b_pattern/*"} | registry.parameters_of(pattern),
     }
-    write_toml(folder / "calibration.toml", table, _CALIBRATION_COMMENT)
-    write_slideshow(folder, [f"{name}.png" for name in frames.names], projector)
+    write_toml(folder / "calibration.toml", table, _CALIBRATION_COMMENT.format(pattern=name))
+    write_slideshow(folder, [f"{frame}.png" for frame in frames.names], projector)
 
 
 def _projector(codec: Any) -> tuple[int, int]:

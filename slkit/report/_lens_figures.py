@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
-from slkit.geometry import Floats, Pinhole
+from slkit.geometry import Floats, Pinhole, ninths
 from slkit.report._canvas import (
     DASHED,
     DEVICE_COLORS,
@@ -62,13 +61,6 @@ def coverage_panel(points: DevicePoints) -> Panel:
     caption += f" The cross is the principal point, ({center[0]:.0f}, {center[1]:.0f}) px"
     caption += ", outside the image, as with a lens shift." if outside else "."
     return Panel(name, caption, png_of(figure))
-
-
-def ninths(xy: Floats, size: tuple[int, int]) -> npt.NDArray[np.intp]:
-    """Return how many points (n, 2) px lie in each ninth (3, 3) of an image, row by row."""
-    width, height = size
-    edges = [np.linspace(-0.5, n - 0.5, 4) for n in (height, width)]
-    return np.histogram2d(xy[:, 1], xy[:, 0], bins=edges)[0].astype(np.intp)
 
 
 def distortion_panel(points: DevicePoints) -> Panel:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from slkit.data import Frames, Image
-from slkit.geometry import Pose, Rig
+from slkit.geometry import Pose, Rig, ninths
 from slkit.simulation.boards import board_poses, boards_for
 from slkit.simulation.scanner import Optics, SimulatedScanner
 from slkit.simulation.scene import Bend, Extent, board
@@ -22,6 +22,8 @@ from slkit.targets import Checkerboard, CornerMarks, ProjectedCheckerboard
 PRINTED, MARKS, PROJECTED, CODED = "printed", "marks", "projected", "coded"
 _VARIED = 0.1
 """Depths of a board that a careful user holds nearer and farther span at least this share of their mean."""
+_COVERED = 14
+"""Of the eighteen ninths of both images a careful user covers so many, if it can be done."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,6 +115,26 @@ def _varied(draw: Callable[[int], tuple[Pose, ...]], count: int) -> tuple[Pose, 
     return (more[0], *poses[1:-1], more[-1])
 
 
+def _spread(draw: Callable[[int], tuple[Pose, ...]], count: int, rig: Rig, printed: Checkerboard) -> tuple[Pose, ...]:
+    """Return poses that cover both images; where they cover little, those of more poses that cover the most."""
+
+    def covered(pose: Pose) -> Any:
+        xyz = pose.apply(np.pad(printed.points(), ((0, 0), (0, 1))))
+        seen = ((rig.camera.project(xyz), rig.camera), (rig.to_projector(xyz), rig.projector))
+        return np.concatenate([ninths(xy, device.size).ravel() > 0 for xy, device in seen])
+
+    pool = list(draw(count))
+    if np.any([covered(p) for p in pool], axis=0).sum() >= _COVERED:
+        return tuple(pool)
+    pool += draw(2 * count)
+    chosen: list[Pose] = []
+    filled = np.zeros(18, dtype=bool)
+    while len(chosen) < count:
+        chosen.append(pool.pop(int(np.argmax([(covered(p) & ~filled).sum() for p in pool]))))
+        filled |= covered(chosen[-1])
+    return tuple(chosen)
+
+
 def coded_session(
     rig: Rig, poses: int, patterns: Frames, rng: np.random.Generator, optics: Optics | None = None, seed: int = 0
 ) -> Session:
@@ -122,7 +144,7 @@ def coded_session(
     """
     optics = optics or Optics()
     printed = boards_for(rig, lit=True)[0]
-    found = board_poses(rig, printed.extent(), poses, rng, lit=True)
+    found = _spread(lambda n: board_poses(rig, printed.extent(), n, rng, lit=True), poses, rig, printed)
     shown = tuple(float(i) for i in range(len(patterns)))
     shots = tuple(
         Shot(f"pose{i}", CODED, i, pose, rig, optics, 1000 * seed + i, 0, shown) for i, pose in enumerate(found)

@@ -84,11 +84,7 @@ class SolidTarget:
             if count < 2:
                 raise InputError(f"faces[{number}] carries {count} tags, but two or more are needed")
         normals = np.array([face.solid_from_face.rotation[:, 2] for face in self.faces]).reshape(-1, 3)
-        if (
-            not len(normals)
-            or np.linalg.svd(normals, compute_uv=False)[min(1, len(normals) - 1)] < 0.1
-            or len(normals) < 2
-        ):
+        if len(normals) < 2 or np.linalg.svd(normals, compute_uv=False)[1] < _LEAST_ANGLE:
             raise InputError("the faces must stand at an angle to each other: check turn_deg")
 
     @classmethod

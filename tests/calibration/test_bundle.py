@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.stats
 
 from slkit.calibration._residuals import block, len_shared, split
 from slkit.calibration._state import State
@@ -15,7 +16,7 @@ from slkit.calibration.solve import board_pose
 from slkit.calibration.surfaces import Sheet
 from slkit.data import BoardView
 from slkit.errors import InputError
-from slkit.geometry import Pose, Rig
+from slkit.geometry import RIG_NAMES, Pose, Rig
 from slkit.report.measure import volume_error
 from slkit.targets import Checkerboard, ProjectedCheckerboard
 from slkit.triangulation import triangulate
@@ -116,27 +117,35 @@ def test_joint_beats_the_sequence_on_the_papers_rig_and_on_random_ones():
     assert np.mean(drawn) <= 0.12
 
 
+def errors_of(found: Rig, rig: Rig) -> dict[str, float]:
+    """Return what was found less the truth for every parameter of the rig; the pose as the motion in front of it."""
+    a, b = found.projector_from_camera, rig.projector_from_camera
+    turn = Pose(a.rotation @ b.rotation.T, np.zeros(3)).rotation_vector
+    lenses = found.camera.parameters - rig.camera.parameters, found.projector.parameters - rig.projector.parameters
+    return dict(zip(RIG_NAMES, np.concatenate([*lenses, turn, a.translation - b.translation]), strict=True))
+
+
 def test_scatter_is_predicted_and_noise_recovered():
-    """60 calibrations: observed against predicted 1 sigma of all parameters together, and chi2 / dof a class."""
-    rig = synthetic.paper_rig()
+    """60 calibrations: observed against predicted 1 sigma of all 22 free parameters, and chi2 / dof a class."""
+    rig, times = synthetic.paper_rig(), 60
     normalized, chi2 = [], []
-    for seed in range(60):
-        found = planar().solve(planar_views(rig, 100 + seed, 0.1, 8))
-        names = found.covariance["parameters"]
-        chosen = [
-            names.index(f"{d}.{n}") for d in ("camera", "projector") for n in ("fx", "fy", "cx", "cy", "k1", "k2")
-        ]
-        error = [
-            value
-            for a, b in ((found.rig.camera, rig.camera), (found.rig.projector, rig.projector))
-            for value in (*(a.K - b.K)[[0, 1, 0, 1], [0, 1, 2, 2]], *(a.distortion - b.distortion)[:2])
-        ]
-        normalized.append(np.array(error) / np.sqrt(np.diag(found.covariance["matrix"]))[chosen])
+    for seed in range(100, 100 + times):
+        found = planar().solve(planar_views(rig, seed, 0.1, 8))
+        names, error = found.covariance["parameters"], errors_of(found.rig, rig)
+        free = [n for n in RIG_NAMES if n.split(".")[1] not in ("skew", "k3")]
+        assert sorted(names) == sorted(free) and len(free) == 22
+        normalized.append([error[n] for n in names] / np.sqrt(np.diag(found.covariance["matrix"])))
         chi2.append([(c.sigma_px / 0.1) ** 2 for c in found.classes.values()])
-    spread = np.sqrt(np.mean(np.square(normalized), axis=0))
-    print(f"rms of error / sigma a parameter: {np.round(spread, 2)}; together {np.sqrt(np.mean(spread**2)):.3f}")
+    spread = dict(zip(names, np.sqrt(np.mean(np.square(normalized), axis=0)), strict=True))
+    together = np.sqrt(np.mean(np.square(normalized)))
+    # The sum of the squares of one parameter has a chi-square distribution with a degree of freedom a calibration:
+    # 99.9 % of all parameters lie between these bounds where the prediction is right.
+    low, high = np.sqrt(scipy.stats.chi2.ppf([0.0005, 0.9995], times) / times)
+    print("rms of error / sigma:", ", ".join(f"{n} {s:.2f}" for n, s in spread.items()))
+    print(f"together {together:.3f}; bounds of one parameter {low:.2f} to {high:.2f}")
     print(f"chi2 / dof of printed, marks, projected: {np.round(np.mean(chi2, axis=0), 3)}")
-    assert 0.85 < np.sqrt(np.mean(spread**2)) < 1.15
+    assert 0.85 < together < 1.15
+    assert {n: s for n, s in spread.items() if not low < s < high} == {}
     assert np.all((np.mean(chi2, axis=0) > 0.9) & (np.mean(chi2, axis=0) < 1.1))
 
 

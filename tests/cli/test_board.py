@@ -26,8 +26,15 @@ def test_faults(slkit, tmp_path: Path):
         (("marks", "--two-sided", "-o", "b.svg"), "an SVG has one page"),
         (("marks", "--page", "B5", "-o", "b.pdf"), "page must be one of A1"),
         (("checkerboard", "--corners", "11", "-o", "b.pdf"), "--corners must be a number in x and y, such as 11x8"),
-        (("checkerboard", "--corners", "30x30", "--square-mm", "20", "-o", "b.pdf"), "620 x 620 mm, but A3 landscape"),
-        (("circles", "--square-mm", "nan", "-o", "b.pdf"), "square_mm must be a positive length"),
+        (("checkerboard", "--corners", "30x30", "--square-mm", "20", "-o", "b.pdf"), "must be 0.5 to 8.9 for"),
+        (
+            ("border-marks", "--square-mm", "60", "-o", "b.pdf"),
+            "--square-mm must be 0.5 to 23.3 for border-marks on A3",
+        ),
+        (
+            ("circles", "--square-mm", "nan", "-o", "b.pdf"),
+            "--square-mm must be 0.5 to 30.1 for circles on A3 landscape, not nan",
+        ),
     ):
         file = tmp_path / arguments[-1]
         outcome = slkit("board", *arguments[:-1], file)

@@ -73,8 +73,8 @@ def test_json(slkit, calls, tmp_path: Path):
         "verdict": {
             "grade": "usable",
             "reasons": [
-                {"fault": "few views", "view": "", "remedy": "take more", "code": ""},
-                {"fault": "blurred", "view": "side_b/1", "remedy": "take it again", "code": ""},
+                {"fault": "few views", "view": "", "remedy": "take more", "code": "", "limit": ""},
+                {"fault": "blurred", "view": "side_b/1", "remedy": "take it again", "code": "", "limit": ""},
             ],
         },
         "notes": list(RESULT.notes),

@@ -1,5 +1,7 @@
 from pathlib import Path
 
+import pytest
+
 from slkit.files import read_capture
 
 
@@ -18,11 +20,13 @@ def test_recipe(slkit, tmp_path: Path):
     assert read_capture(tmp_path / "q").projector == (128, 96)
 
 
-def test_checkerboard(slkit, tmp_path: Path):
-    assert slkit("patterns", "checkerboard", "--projector", "256x192", "-o", tmp_path / "p").code == 0
+@pytest.mark.parametrize(("name", "projector"), [("checkerboard", "256x192"), ("charuco", "480x320")])
+def test_projected_boards(slkit, tmp_path: Path, name: str, projector: str):
+    outcome = slkit("patterns", name, "--projector", projector, "-o", tmp_path / "p")
+    assert outcome.code == 0 and outcome.out.startswith("2 patterns in ") and "calibration.toml" in outcome.out
     assert sorted(p.name for p in (tmp_path / "p").iterdir()) == [
         "calibration.toml",
-        "checkerboard.png",
+        f"{name}.png",
         "slideshow.html",
         "white.png",
     ]
@@ -37,6 +41,9 @@ def test_faults(slkit, tmp_path: Path):
         (("none.toml",), "none.toml"),
         (("checkerboard", "--projector", "9x9"), "too small"),
         (("checkerboard", "--projector", "256x192", "--set", "a=1"), "no parameters"),
+        (("charuco", "--projector", "256x192"), "too small"),
+        (("charuco", "--projector", "480x320", "--set", "a=1"), "no parameters"),
+        (("charuco",), "--projector 1024x768"),
     ):
         outcome = slkit("patterns", *arguments, "-o", tmp_path / "p" / "q")
         assert (outcome.code, outcome.out) == (2, "")

@@ -1,5 +1,6 @@
 """Boards as they come out of the printer: rendered, read back by the detectors, described by their own table."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -93,23 +94,60 @@ def test_sizes_can_be_chosen(tmp_path: Path):
     assert pipeline.write_board(tmp_path / "d.svg", "marks", square_mm=15.0)["marks"]["cell_mm"] == 15.0
 
 
+SQUARES = r"--square-mm must be ([\d.]+) to ([\d.]+) for (\S+) on A4 (\w+), not \S+"
+
+
+def write(path: Path, kind: str, landscape: bool, square_mm: float) -> dict:
+    return pipeline.write_board(path, kind, "A4", landscape=landscape, square_mm=square_mm)
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
         ({"kind": "chessboard"}, "no board called 'chessboard'; there are: checkerboard, charuco"),
         ({"kind": "marks", "page": "A9"}, "page must be one of A1, .*Tabloid, not 'A9'"),
-        ({"kind": "checkerboard", "square_mm": 50.0}, "600 x 450 mm, but A3 landscape has room for 400 x 277 mm"),
+        (
+            {"kind": "checkerboard", "corners": (3000, 9)},
+            "no room for checkerboard with --corners 3000x9 on A3 landscape",
+        ),
         ({"kind": "checkerboard", "corners": (2, 2)}, "3 x 3"),
-        ({"kind": "checkerboard", "square_mm": -3.0}, "square_mm must be a positive length"),
-        ({"kind": "charuco", "square_mm": 0.0}, "positive length"),
         ({"kind": "charuco", "corners": (70, 50)}, "dictionary"),
         ({"kind": "marks", "corners": (4, 4)}, "leave --corners away"),
-        ({"kind": "border-marks", "square_mm": 60.0}, "size_mm|no white"),
-        ({"kind": "tag-marks", "square_mm": 200.0}, "too close|room for"),
-        ({"kind": "marks", "square_mm": 200.0}, "room for"),
     ],
 )
 def test_what_cannot_be_is_refused(arguments: dict, words: str, tmp_path: Path):
     with pytest.raises(InputError, match=words):
         pipeline.write_board(tmp_path / "b.pdf", **arguments)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("kind", pipeline.BOARDS)
+@pytest.mark.parametrize("square_mm", [1000.0, 100.0, 0.1, 0.0, -3.0, float("nan"), float("inf")])
+@pytest.mark.parametrize("landscape", [True, False])
+def test_squares_that_do_not_suit_the_page_are_told_with_those_that_do(
+    kind: str, square_mm: float, landscape: bool, tmp_path: Path
+):
+    with pytest.raises(InputError) as refused:
+        write(tmp_path / "b.svg", kind, landscape, square_mm)
+    told = re.fullmatch(SQUARES, str(refused.value))
+    assert told and told.group(3, 4) == (kind, "landscape" if landscape else "portrait")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("kind", pipeline.BOARDS)
+@pytest.mark.parametrize("landscape", [True, False])
+def test_the_smallest_and_the_largest_squares_that_are_told_do_fit(kind: str, landscape: bool, tmp_path: Path):
+    with pytest.raises(InputError) as refused:
+        write(tmp_path / "b.svg", kind, landscape, 1000.0)
+    smallest, largest = (float(n) for n in re.fullmatch(SQUARES, str(refused.value)).group(1, 2))
+    assert smallest <= 1 and largest >= 15
+    for square_mm in (smallest, largest):
+        write(tmp_path / "b.svg", kind, landscape, square_mm)
+    for square_mm in (smallest - 0.1, largest + 0.1):
+        with pytest.raises(InputError, match="--square-mm"):
+            write(tmp_path / "b.svg", kind, landscape, square_mm)
+    # Printed as large as that, nothing is cut off or covered by text.
+    ((side, table),) = write(tmp_path / "b.pdf", kind, landscape, largest).items()
+    (picture,) = pages(tmp_path / "b.pdf")
+    found = find_points(picture, target_of(table, side))
+    assert found is not None and np.isfinite(found).all()

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from slkit import pipeline
+from slkit.calibration.tags import find_charuco
 from slkit.errors import FileError, InputError, PluginError
 from slkit.files import read_calibration, read_capture, read_image
 from slkit.registry import names, parameters_of
-from slkit.targets import ProjectedCheckerboard
+from slkit.targets import ProjectedCharuco, ProjectedCheckerboard
 
 
 @pytest.mark.parametrize("name", names("slkit.codecs"))
@@ -50,6 +51,33 @@ def test_projected_checkerboard(tmp_path: Path):
     assert read_calibration(tmp_path).method == "planar"
     with pytest.raises(InputError, match="too small"):
         pipeline.projected_checkerboard((20, 10), tmp_path / "small")
+
+
+def test_projected_charuco(tmp_path: Path):
+    size = (480, 320)
+    pipeline.projected_charuco(size, tmp_path)
+    expected = ProjectedCharuco.for_projector(size)
+    picture = read_image(tmp_path / "charuco.png")
+    np.testing.assert_array_equal(picture, expected.draw(size))
+    assert read_image(tmp_path / "white.png").min() == 255
+    text = (tmp_path / "calibration.toml").read_text()
+    assert "charuco.png projected" in text
+    table = tomllib.loads(text)
+    assert table["projected"].pop("images") == "side_b_pattern/*"
+    assert table["projected"] == parameters_of(expected)
+    for folder in ("side_a", "side_b_white", "side_b_pattern"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "IMG_1.JPG").write_bytes(b"")
+    task = pipeline.load_calibration(tmp_path)
+    # The table alone, as the calibration reads it, finds the pattern in the picture.
+    pattern = task.calibrator.projected
+    assert pattern == expected
+    corners = find_charuco(picture, pattern)
+    assert corners is not None
+    np.testing.assert_allclose(corners.reshape(-1, 2), pattern.points(), atol=0.05)
+    with pytest.raises(InputError, match="too small"):
+        pipeline.projected_charuco((256, 192), tmp_path / "small")
+    assert not (tmp_path / "small").exists()
 
 
 def test_recipes(tmp_path: Path):

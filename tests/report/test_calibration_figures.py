@@ -11,10 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from slkit.data import Capture, Diagnosis, VolumeMap
-from slkit.geometry import Pinhole, Rig
+from slkit.geometry import Pinhole, Rig, ninths
 from slkit.report._canvas import round_length
 from slkit.report._evidence import DevicePoints, device_points
-from slkit.report._lens_figures import coverage_panel, displacement, distortion_panel, ninths
+from slkit.report._lens_figures import coverage_panel, displacement, distortion_panel
 from slkit.report._picture_figures import contact_sheet
 from slkit.report._residual_figures import _cell_means as cell_means
 from slkit.report._residual_figures import scatter_panel
