@@ -154,10 +154,11 @@ def under_exposed(session: Session, strong: bool, rng: Random) -> Session:
 
 
 def blurred(session: Session, strong: bool, rng: Random) -> Session:
-    """Blur a quarter of the poses, or all of them, by 0.12 of a square of the printed board."""
+    """Blur a quarter of the poses by 0.12 of a square of the printed board, or all of them by 0.18."""
     those = _some(session, 1.0 if strong else 0.25, rng)
     camera = session.rig.camera
-    blur = 0.12 * session.printed.square_mm * float(camera.K[0, 0]) / working_distance(session.rig)
+    square = session.printed.square_mm * float(camera.K[0, 0]) / working_distance(session.rig)
+    blur = (0.18 if strong else 0.12) * square
 
     def change(shot: Shot) -> Shot:
         optics = replace(shot.optics, camera_blur_px=float(np.hypot(shot.optics.camera_blur_px, blur)))

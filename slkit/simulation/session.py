@@ -14,14 +14,17 @@ import numpy as np
 from slkit.data import Frames, Image
 from slkit.geometry import Pose, Rig, ninths
 from slkit.simulation.boards import board_poses, boards_for
+from slkit.simulation.rig import working_volume
 from slkit.simulation.scanner import Optics, SimulatedScanner
 from slkit.simulation.scene import Bend, Extent, board
 from slkit.simulation.surface import Doubles
-from slkit.targets import Checkerboard, CornerMarks, ProjectedCheckerboard
+from slkit.targets import PAPER, Checkerboard, CornerMarks, ProjectedCheckerboard
 
 PRINTED, MARKS, PROJECTED, CODED = "printed", "marks", "projected", "coded"
 _VARIED = 0.1
 """Depths of a board that a careful user holds nearer and farther span at least this share of their mean."""
+_BRIGHTEST = 0.93
+"""Share of full scale that the brightest paper of a well exposed picture reaches."""
 _COVERED = 14
 """Of the eighteen ninths of both images a careful user covers so many, if it can be done."""
 
@@ -92,10 +95,10 @@ def planar_session(
 
     Errors: InputError where no pose is visible.
     """
-    optics = optics or Optics()
     printed, marks, projected = boards_for(rig)
     side_a = board_poses(rig, printed.extent(), poses, rng)
     side_b = _varied(lambda n: board_poses(rig, marks.extent(), n, rng, projected=projected, marks=marks), poses)
+    optics = optics or _exposed(rig, marks.extent(), side_b)
     # Every pose has its own noise, also for the frames that all poses have in common.
     shots = [Shot(f"side_a/{i:03d}", PRINTED, i, p, rig, optics, 1000 * seed + i) for i, p in enumerate(side_a)]
     for i, pose in enumerate(side_b):
@@ -135,6 +138,22 @@ def _spread(draw: Callable[[int], tuple[Pose, ...]], count: int, rig: Rig, print
     return tuple(chosen)
 
 
+def _exposed(rig: Rig, sheet: Extent, poses: tuple[Pose, ...]) -> Optics:
+    """Return optics whose exposure suits the brightest place of all boards, as a careful user sets it."""
+    optics, eye = Optics(), rig.projector_center
+    reference = float(np.linalg.norm(working_volume(rig)[0] - eye))
+    x0, y0, x1, y1 = sheet
+    rim = np.array([[x0, y0, 0], [x1, y0, 0], [x1, y1, 0], [x0, y1, 0]])
+    brightest = 0.0
+    for pose in poses:
+        away = pose.apply(rim) - eye
+        distance = np.linalg.norm(away, axis=1)
+        light = np.abs(away @ pose.rotation[:, 2]) / distance * (reference / distance) ** 2
+        brightest = max(brightest, PAPER * (optics.white_level * float(light.max()) + optics.ambient))
+    factor = min(_BRIGHTEST / brightest, 1.0)
+    return replace(optics, white_level=factor * optics.white_level, ambient=factor * optics.ambient)
+
+
 def coded_session(
     rig: Rig, poses: int, patterns: Frames, rng: np.random.Generator, optics: Optics | None = None, seed: int = 0
 ) -> Session:
@@ -142,9 +161,9 @@ def coded_session(
 
     Errors: InputError where no pose is visible.
     """
-    optics = optics or Optics()
     printed = boards_for(rig, lit=True)[0]
     found = _spread(lambda n: board_poses(rig, printed.extent(), n, rng, lit=True), poses, rig, printed)
+    optics = optics or _exposed(rig, printed.extent(), found)
     shown = tuple(float(i) for i in range(len(patterns)))
     shots = tuple(
         Shot(f"pose{i}", CODED, i, pose, rig, optics, 1000 * seed + i, 0, shown) for i, pose in enumerate(found)
