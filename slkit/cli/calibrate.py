@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -54,6 +55,7 @@ def calibrate(
 
 
 def _print(calibration: Calibration, evidence: dict[str, Any], output: Path) -> None:
+    left_out = calibration.diagnosis.left_out_px if calibration.diagnosis is not None else {}
     rows = [
         (
             view.name,
@@ -61,11 +63,12 @@ def _print(calibration: Calibration, evidence: dict[str, Any], output: Path) -> 
             number(view.rms_camera),
             number(view.rms_projector),
             number(view.rms_joint),
+            number(left_out.get(view.name, math.nan)),
             view.reason,
         )
         for view in calibration.views
     ]
-    print_table(("view", "used", "camera px", "projector px", "joint px", "reason"), rows)
+    print_table(("view", "used", "camera px", "projector px", "joint px", "left-out px", "reason"), rows)
     rms = evidence["rms_px"]
     print(
         f"rms: camera {number(rms['camera'])} px, projector {number(rms['projector_device'])} px, "
@@ -90,6 +93,16 @@ def _print_diagnosis(calibration: Calibration) -> None:
     diagnosis = calibration.diagnosis
     if diagnosis is None:
         return
+    for name, device in diagnosis.devices.items():
+        (near, far), (least, most), filled = device.depth_mm, device.tilt_deg, int((device.coverage > 0).sum())
+        where = f"depth {near:.0f} to {far:.0f} mm, tilt {least:.0f} to {most:.0f} deg"
+        print(f"{name}: points in {filled} of 9 ninths of the image, {where}")
+        if device.parameters:
+            spread = ", ".join(f"{n} {number(3 * sigma)}" for n, (_, sigma) in device.parameters.items())
+            print(f"  3 sigma: {spread}")
+    for name, (_, means, _) in diagnosis.repeating.items():
+        largest = float((means**2).sum(axis=1).max() ** 0.5)
+        print(f"{name} points: up to {number(largest)} px off at one place in all views alike")
     if diagnosis.left_out_px:
         print(f"left-out views are predicted to {number(diagnosis.left_out_rms_px)} px in the projector")
     for name, volume in (
@@ -100,4 +113,7 @@ def _print_diagnosis(calibration: Calibration) -> None:
             low, high = volume.depths_mm.min(), volume.depths_mm.max()
             print(f"{name}: {number(volume.rms_mm)} mm at depths of {low:.0f} to {high:.0f} mm")
     for first, second, value in diagnosis.correlations:
-        print(f"{first} and {second} cannot be told apart: correlation {number(value)}")
+        print(
+            f"{first} and {second} are known together only (correlation {number(value)}): "
+            "harmless while the 3D uncertainty is small, else take views at more tilts and depths"
+        )
