@@ -23,6 +23,8 @@ _VISIBLE_PX = 0.1
 """Mistakes that move no pixel by as much do no harm worth naming."""
 _HARMFUL_PX = 2.0
 """A rig whose projector is skewed by more, and not modelled so, measures shapes wrongly."""
+_ODD = 5e-4
+"""How likely a view that was rejected is so by noise alone, of one whose board is said to have moved."""
 _ASPECT = 0.004
 """Pixels of projectors are square to two in a thousand."""
 _RESAMPLED = 0.025
@@ -44,12 +46,13 @@ def geometry_findings(
     found: as adjusted; plain: adjusted without rejecting anything, for the explanation of a misfit may have been
     rejected with the rows. boards: how to call each board in a sentence; model: what was estimated.
     """
-    told = _explained(Score(plain), views, model, plain.state.rig)
+    score = Score(plain)
+    told = _explained(score, views, model, plain.state.rig)
     share = told[0].share if told else 0.0
     findings = [finding for e in told for finding in _told(e, views, boards, plain.state.rig)]
     if share < _WHOLE:
         named = {f.view for f in findings if f.code == "moved-board"}
-        findings = [*(f for f in _rejected(found, views) if f.view not in named), *findings]
+        findings = [*(f for f in _rejected(found, views, score) if f.view not in named), *findings]
     aspect = aspect_finding(found)
     if aspect is not None and share < _WHOLE and "keystone" not in [f.code for f in findings]:
         findings.append(aspect)
@@ -77,11 +80,11 @@ def _explained(score: Score, views: Sequence[BoardView], model: Model, rig: Rig)
     return [best, *sorted(beside, key=lambda e: -e.share)]
 
 
-def _rejected(found: Adjusted, views: Sequence[BoardView]) -> Iterator[Finding]:
+def _rejected(found: Adjusted, views: Sequence[BoardView], score: Score) -> Iterator[Finding]:
     """Name views that were rejected because their projected corners and their marks do not go together."""
-    bare = next((p for p in found.problem.parts if p.name == "projected"), None)
     for index, reason in found.rejected.items():
-        if bare is not None and (bare.view == index).any():
+        own = [p.name for p in found.problem.parts if (p.view == index).any()]
+        if "projected" in own and min(score.by_chance(index, name) for name in own) < _ODD:
             yield _moved(views[index].name, reason)
 
 

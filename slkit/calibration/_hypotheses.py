@@ -159,6 +159,18 @@ class Score:
             columns[part.name] = block.height[:, :, None] * shape[:, None]
         return self.test("bent-board", columns, where=board)
 
+    def by_chance(self, view: int, name: str) -> float:
+        """Return how likely the residuals of a class are in one view so much larger than in the others by noise alone.
+
+        An F test of their squares, one degree of freedom a point: poses take up about half of the residuals.
+        """
+        from scipy.stats import f as f_distribution
+
+        part = next(p for p in self._problem.parts if p.name == name)
+        squares, mine = (self._blocks[name].error ** 2).sum(axis=1), part.view == view
+        ratio = squares[mine].mean() / max(float(squares[~mine].mean()), 1e-300)
+        return float(f_distribution.sf(ratio, mine.sum(), (~mine).sum()))
+
     def with_skew(self, keystone: Explanation, model: Model) -> Explanation:
         """Return the explanation by skewed pixels of the projector as a new solution finds it, with the same weights.
 
@@ -167,7 +179,7 @@ class Score:
         problem, state, weights = self._problem, self._state, self._weights
         skewed = replace(model, projector=replace(model.projector, skew=True))
         other = replace(problem, free=free_parameters(skewed, state, problem.parts))
-        there, blocks, _ = minimize(other, state, lambda _: weights)
+        there, blocks, _ = minimize(other, state, other.blocks(state), lambda _: weights)
         before, after = cost(problem, self._blocks, weights, state), cost(other, blocks, weights, there)
         share = 1 - after / max(before, 1e-300)
         f = share / max(1 - share, 1e-12) * (self.dof - 1)

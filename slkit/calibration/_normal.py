@@ -119,7 +119,7 @@ def normal_equations(
         matrix = np.zeros((len(gradient), len(gradient)))
         jacobian = np.concatenate([free.of(found.shared), found.pose], axis=2).reshape(-1, shared + 6)
         weighted = jacobian * weight.reshape(-1, 1)
-        pull = weighted * found.error.reshape(-1, 1)
+        error = found.error.ravel()
         matrix[:shared, :shared] = weighted[:, :shared].T @ jacobian[:, :shared]
         ends = 2 * np.cumsum([len(r) for r in part.rows])
         for view, (first, last) in enumerate(zip([0, *ends[:-1]], ends, strict=True)):
@@ -128,9 +128,9 @@ def normal_equations(
             own = slice(shared + 6 * view, shared + 6 * view + 6)
             crossed = weighted[first:last, shared:].T @ jacobian[first:last]
             matrix[own, :shared], matrix[own, own] = crossed[:, :shared], crossed[:, shared:]
-            gradient[own] += pull[first:last, shared:].sum(axis=0)
+            gradient[own] += weighted[first:last, shared:].T @ error[first:last]
         matrix[:shared, shared:] = matrix[shared:, :shared].T
-        gradient[:shared] += pull[:, :shared].sum(axis=0)
+        gradient[:shared] += weighted[:, :shared].T @ error
         matrices[part.name] = matrix
     if len(free.rows):
         rows = np.pad((free.rows @ free.spread) / free.sigma[:, None], ((0, 0), (0, 6 * views)))
@@ -162,16 +162,16 @@ def cost(problem: Problem, blocks: Mapping[str, Block], weights: Mapping[str, Ar
 def minimize(
     problem: Problem,
     state: State,
+    blocks: Mapping[str, Block],
     weigh: Callable[[Mapping[str, Block]], Mapping[str, Array]],
     tolerance: float = 1e-9,
-) -> tuple[State, dict[str, Block], dict[str, Array]]:
+) -> tuple[State, Mapping[str, Block], dict[str, Array]]:
     """Return the state of least weighted squares, its residuals, and J^T W J of each class there.
 
-    weigh: from the residuals of the start to the weights, which then stay; tolerance: of the squares, as a share of
-    them, at which it stops. Source: Levenberg and Marquardt, with the
-    damping of each parameter in proportion to its curvature.
+    blocks: the residuals at the start; weigh: from them to the weights, which then stay; tolerance: of the squares, as
+    a share of them, at which it stops. Source: Levenberg and Marquardt, with the damping of each parameter in
+    proportion to its curvature.
     """
-    blocks = problem.blocks(state)
     weights = weigh(blocks)
     here, damping = cost(problem, blocks, weights, state), 1e-6
     for _ in range(_STEPS):

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from slkit.calibration._parameters import Array
-from slkit.calibration._state import LENSES, MOTION, State
+from slkit.calibration._state import LENS, LENSES, MOTION, State
 from slkit.calibration.surfaces import Sheet
 from slkit.data import BoardView
 from slkit.geometry import homogeneous, normalize_with_derivatives, project_with_derivatives
@@ -116,19 +116,25 @@ def block(part: Part, state: State, board: Ints) -> Block:
         motion = rig.projector_from_camera
         from_center = xyz @ motion.rotation.T
         pixels, slope, lens = project_with_derivatives(rig.projector, from_center + motion.translation)
-        shared[:, :, 10:LENSES] = lens
-        shared[:, :, LENSES : LENSES + 3] = np.cross(from_center[:, None], slope)
+        shared[:, :, LENS:LENSES] = lens
+        shared[:, :, LENSES : LENSES + 3] = _cross(from_center, slope)
         shared[:, :, LENSES + 3 : MOTION] = slope
         slope = slope @ motion.rotation
         error = pixels - part.projector_xy
     else:
         pixels, slope, lens = project_with_derivatives(rig.camera, xyz)
-        shared[:, :, :10] = lens
+        shared[:, :, :LENS] = lens
         error = pixels - part.camera_xy
-    pose = np.concatenate([np.cross(turned[:, None], slope), slope], axis=2)
+    pose = np.concatenate([_cross(turned, slope), slope], axis=2)
     local_slope = slope @ state.rotations[part.view]
     _add_board(shared, part, state, board, local_slope, tilt)
     return Block(error, shared, pose, local, local_slope[:, :, 2])
+
+
+def _cross(arm: Array, slope: Array) -> Array:
+    """Return the cross products (n, 2, 3) of arms (n, 3) with slopes (n, 2, 3); several times as fast as np.cross."""
+    (x, y, z), (a, b, c) = arm.T[:, :, None], np.moveaxis(slope, 2, 0)
+    return np.stack([y * c - z * b, z * a - x * c, x * b - y * a], axis=2)
 
 
 def len_shared(state: State) -> int:
@@ -163,9 +169,9 @@ def _projected(part: Part, state: State, board: Ints) -> Block:
     along = (slope @ direction[:, :, None])[:, :, 0] / (upright * direction).sum(axis=1)[:, None]
     across = (slope - along[:, :, None] * upright[:, None]) @ motion.rotation.T
     shared = np.zeros((len(xyz), 2, len_shared(state)))
-    shared[:, :, :10] = lens
-    shared[:, :, 10:LENSES] = length[:, None, None] * (across[:, :, :2] @ over_lens)
-    turning = np.cross(motion.translation, across) + length[:, None, None] * np.cross(across, ray[:, None])
+    shared[:, :, :LENS] = lens
+    shared[:, :, LENS:LENSES] = length[:, None, None] * (across[:, :, :2] @ over_lens)
+    turning = np.cross(motion.translation, across) - length[:, None, None] * _cross(ray, across)
     shared[:, :, LENSES : LENSES + 3] = turning
     shared[:, :, LENSES + 3 : MOTION] = -across
     for k in range(len(state.surfaces)):

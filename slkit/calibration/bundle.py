@@ -123,27 +123,30 @@ def _robust(problem: Problem, state: State) -> Adjusted:
     level = _levels(problem, blocks, kept, dof, robust=True)
     for round_ in range(_ROUNDS):
         last = round_ == _ROUNDS - 1
-        state, blocks, matrices = minimize(problem, state, _weigher(problem, level, kept, huber=round_ > 0), _ROUGHLY)
+        state, blocks, matrices = minimize(
+            problem, state, blocks, _weigher(problem, level, kept, huber=round_ > 0), _ROUGHLY
+        )
         dof = _shares(problem, matrices, kept)
         before, level = level, _levels(problem, blocks, kept, dof, robust=not last)
         steady = _steady(problem, before, level, 0.05)
         changed = _reject(problem, blocks, level, kept, rejected)
         if steady and not changed and round_ > 0:
             break
-    return _finish(problem, state, kept, rejected, huber=True)
+    return _finish(problem, state, blocks, kept, rejected, huber=True)
 
 
 def _plain(problem: Problem, state: State) -> Adjusted:
-    return _finish(problem, state, every_row(problem.parts), {}, huber=False)
+    return _finish(problem, state, problem.blocks(state), every_row(problem.parts), {}, huber=False)
 
 
-def _finish(problem: Problem, state: State, kept: Masks, rejected: Mapping[int, str], huber: bool) -> Adjusted:
+def _finish(
+    problem: Problem, state: State, blocks: Mapping[str, Block], kept: Masks, rejected: Mapping[int, str], huber: bool
+) -> Adjusted:
     """Solve to the end with each class weighted by its rms scatter, and take the covariance there."""
     dof = {p.name: 1.0 for p in problem.parts}
-    blocks = problem.blocks(state)
     level = _levels(problem, blocks, kept, dof, robust=False)
     for _ in range(_ROUNDS):
-        state, blocks, matrices = minimize(problem, state, _weigher(problem, level, kept, huber))
+        state, blocks, matrices = minimize(problem, state, blocks, _weigher(problem, level, kept, huber))
         dof = _shares(problem, matrices, kept)
         before, level = level, _levels(problem, blocks, kept, dof, robust=False)
         if _steady(problem, before, level, 0.02):
