@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from slkit.calibration._normal import Problem, free_parameters, whole_jacobian
 from slkit.calibration._parameters import Array, covariance_of
-from slkit.calibration._residuals import Part, split
+from slkit.calibration._residuals import split
 from slkit.calibration._state import LENS, MOTION, State
 from slkit.calibration.bundle import Adjusted, every_row, parameter_names, start_of
 from slkit.calibration.model import Model
@@ -52,8 +52,12 @@ def in_sequence(
     free = np.flatnonzero(np.abs(spread).sum(axis=1))
     covariance = (spread @ whole[:shared, :shared] @ spread.T)[np.ix_(free, free)]
     names = tuple(np.array(parameter_names(state))[free])
-    blocks = problem.blocks(state)
-    classes = {p.name: _scatter(p, blocks[p.name].error) for p in parts}
+    # Parameters take up residuals where these are fitted: camera and poses first, then the projector.
+    taken = np.empty(len(residuals))
+    taken[of_camera], taken[~of_camera] = _leverage(jacobian[np.ix_(of_camera, early)]), _leverage(after)
+    ends = 2 * np.cumsum([len(p.view) for p in parts])
+    errors = [problem.blocks(state)[p.name].error for p in parts]
+    classes = {p.name: _scatter(e, t) for p, e, t in zip(parts, errors, np.split(taken, ends[:-1]), strict=True)}
     return Adjusted(problem, state, names, covariance, classes, {}, every_row(parts), {})
 
 
@@ -78,5 +82,13 @@ def _stacked(problem: Problem, state: State) -> tuple[Array, Array, npt.NDArray[
     return np.concatenate(rows), np.concatenate(errors), np.concatenate(of_camera)
 
 
-def _scatter(part: Part, error: Array) -> ResidualClass:
-    return ResidualClass(len(part.view), 0, 2.0 * len(part.view), float(np.sqrt(np.mean(error**2))))
+def _leverage(jacobian: Array) -> Array:
+    """Return which share of each residual (m,) the parameters take up; they sum to their number."""
+    basis = np.linalg.svd(jacobian / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300), full_matrices=False)
+    return np.asarray((basis.U[:, basis.S > 1e-10 * basis.S[0]] ** 2).sum(axis=1))
+
+
+def _scatter(error: Array, taken: Array) -> ResidualClass:
+    """Return the scatter of a class from its residuals (n, 2) px and what parameters take up of them (2n,)."""
+    dof = max(error.size - float(taken.sum()), 1.0)
+    return ResidualClass(len(error), 0, dof, float(np.sqrt((error**2).sum() / dof)))

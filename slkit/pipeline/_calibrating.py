@@ -235,13 +235,24 @@ def _check_views(
         mine = [v for v in views if kinds.get(v.name) == kind]
         usable = sum(v.problem is None for v in mine)
         if usable < fewest:
-            problems = "; ".join(f"{v.name}: {v.problem}" for v in mine if v.problem is not None)
+            problems = _grouped(mine)
             raise CalibrationError(
                 f"{where}: {usable} of {len(mine)} {kind} views can be used, at least {fewest} are needed: "
                 + (f"take more, or mend these: {problems}" if problems else "take more pictures")
                 + _told(findings),
                 tuple(findings),
             )
+
+
+def _grouped(views: Sequence[BoardView]) -> str:
+    """Return what is the matter with views, each problem once."""
+    names: dict[str, list[str]] = {}
+    for view in views:
+        if view.problem is not None:
+            names.setdefault(view.problem, []).append(view.name)
+    return "; ".join(
+        f"{mine[0]}{f' and {len(mine) - 1} more' * (len(mine) > 1)}: {problem}" for problem, mine in names.items()
+    )
 
 
 def _told(findings: Sequence[Finding]) -> str:
