@@ -8,10 +8,11 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from slkit.calibration.detect import picture_size, spacing_of, to_8bit
+from slkit.calibration.detect import homography, picture_size, spacing_of, to_8bit
 from slkit.calibration.projected import find_projected
 from slkit.calibration.tags import find_tags
 from slkit.data import BoardView, Image
+from slkit.geometry import transformed
 from slkit.targets import Face, ProjectedCheckerboard, ProjectedFaces, SolidTarget
 
 Points = npt.NDArray[np.float64]
@@ -43,7 +44,7 @@ def observe_solid(name: str, white: Image, pattern: Image, target: SolidTarget, 
         if mine.sum() < _FEWEST_POINTS:
             notes.append(f"face {number} shows fewer than two tags")
             continue
-        found = _lit_corners(white, pattern, one, _homography(board_xy[mine], tags[mine]), target, board)
+        found = _lit_corners(white, pattern, one, homography(board_xy[mine], tags[mine]), target, board)
         if isinstance(found, str):
             notes.append(f"face {number}: {found}")
             continue
@@ -68,13 +69,13 @@ def observe_solid(name: str, white: Image, pattern: Image, target: SolidTarget, 
 
 
 def _lit_corners(
-    white: Image, pattern: Image, face: Face, homography: Points, target: SolidTarget, projected: ProjectedCheckerboard
+    white: Image, pattern: Image, face: Face, matrix: Points, target: SolidTarget, projected: ProjectedCheckerboard
 ) -> tuple[Points, Points, tuple[str, ...]] | str:
     """Return projected corners on one face, camera px and projector px (n, 2) each, with notes, or why there are none.
 
-    homography (3, 3): from the sheet in mm to the picture.
+    matrix (3, 3): homography from the sheet in mm to the picture.
     """
-    outline = _mapped(homography, face.outline())
+    outline = transformed(matrix, face.outline())
     size = np.array(picture_size(white))
     low = np.clip(np.floor(outline.min(axis=0)), 0, size - 1).astype(int)
     high = np.clip(np.ceil(outline.max(axis=0)) + 1, low + 1, size).astype(int)
@@ -87,8 +88,8 @@ def _lit_corners(
     if isinstance(found, str):
         return found
     corners = (found[0] + low).reshape(-1, 2)
-    back = np.asarray(np.linalg.inv(homography), dtype=np.float64)
-    places = _mapped(back, np.nan_to_num(corners))
+    back = np.asarray(np.linalg.inv(matrix), dtype=np.float64)
+    places = transformed(back, np.nan_to_num(corners))
     steps = spacing_of(places.reshape(found[0].shape)).ravel()
     away = np.abs(places[:, None] - target.sheet.centers()).max(axis=2).min(axis=1)
     margin = _CLEAR * float(np.median(steps))
@@ -96,14 +97,3 @@ def _lit_corners(
     if not good.any():
         return "all projected corners lie too near its edge or its tags"
     return corners[good], projected.points()[good], found[1]
-
-
-def _homography(board_xy: Points, camera_xy: Points) -> Points:
-    matrix: Any = cv2.findHomography(board_xy, camera_xy)[0]
-    return np.asarray(matrix, dtype=np.float64)
-
-
-def _mapped(homography: Points, points: Points) -> Points:
-    """Return points (n, 2) under a homography."""
-    mapped: Any = cv2.perspectiveTransform(points[None], homography)
-    return np.asarray(mapped[0], dtype=np.float64)

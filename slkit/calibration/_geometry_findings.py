@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
 from slkit.calibration._hypotheses import CHANCE, Explanation, Score
 from slkit.calibration._parameters import Array
 from slkit.calibration.bundle import Adjusted
+from slkit.calibration.diagnose import ONE_DEPTH, seen_points
 from slkit.calibration.model import Model
 from slkit.data import BoardView, Finding
-from slkit.geometry import Pinhole, Pose, Rig, homogeneous, pixel_grid
+from slkit.geometry import Pinhole, Pose, Rig, pixel_grid, working_volume
 
 _NEARLY = 0.6
 """Explanations that take away this share of what the best one does are as good as it."""
@@ -33,7 +34,6 @@ _BEND = 5e-4
 _ZOOM, _ZOOM_PX, _ZOOM_SHARE = 2e-3, 1.0, 0.1
 """A lens that changed by less, or whose change explains less of the misfit, is imitated by inexact prints."""
 _ALIKE_DEG = 8.0
-_ONE_DEPTH = 0.05
 _COVERS = 0.18
 """Points whose outline covers a smaller share of an image, or of what both devices see of it, cover one corner."""
 
@@ -59,24 +59,24 @@ def geometry_findings(
     state, board = found.state, found.problem.board
     for number, name in enumerate(boards):
         mine = [i for i in range(len(views)) if board[i] == number and views[i].face is None]
-        findings += pose_findings([views[i] for i in mine], [state.poses[i] for i in mine], name)
+        findings += pose_findings(state.rig, [views[i] for i in mine], [state.poses[i] for i in mine], name)
     return findings + list(coverage_findings(state.rig, views, state.poses))
 
 
 def _explained(score: Score, views: Sequence[BoardView], model: Model, rig: Rig) -> list[Explanation]:
     """Return the best explanation of the misfit, and those that hold beside it."""
 
-    def credible(test: Score) -> list[Explanation]:
-        found = [e if e.code != "keystone" else score.with_skew(e, model) for e in test.explanations(views)]
+    def credible(found: Iterable[Explanation]) -> list[Explanation]:
         return [e for e in found if e.chance < CHANCE and _matters(e, score, rig)]
 
-    first = credible(score)
+    first = credible(score.with_skew(e, model) if e.code == "keystone" else e for e in score.explanations(views))
     top = max((e.share for e in first), default=0.0)
     # Of explanations that do nearly as well the one with the fewest parameters is taken.
     best = max((e for e in first if e.share > _NEARLY * top), key=lambda e: e.f, default=None)
     if best is None or best.share > _WHOLE:
         return [] if best is None else [best]
-    beside = [e for e in credible(score.given(best)) if e.share > _RIVAL * best.share and e.code != best.code]
+    others = [e for e in credible(score.given(best).explanations(views)) if e.code != best.code]
+    beside = [e for e in others if e.share > _RIVAL * best.share]
     return [best, *sorted(beside, key=lambda e: -e.share)]
 
 
@@ -186,7 +186,7 @@ def aspect_finding(found: Adjusted) -> Finding | None:
     return Finding(fault, "", remedy, "not-native" if abs(aspect - 1) > _RESAMPLED else "keystone")
 
 
-def pose_findings(views: Sequence[BoardView], poses: Sequence[Pose], side: str) -> Iterator[Finding]:
+def pose_findings(rig: Rig, views: Sequence[BoardView], poses: Sequence[Pose], side: str) -> Iterator[Finding]:
     """Name poses of one side of the board that determine too little: alike, at one depth, in one corner."""
     if len(views) < 2:
         return
@@ -195,9 +195,9 @@ def pose_findings(views: Sequence[BoardView], poses: Sequence[Pose], side: str) 
     if widest < _ALIKE_DEG:
         fault = f"all views of {side} are parallel within {widest:.1f} degrees"
         yield Finding(fault, "", "tilt the board by 20 to 40 degrees to all sides", "parallel-poses")
-    middles = [_middle(v, p) for v, p in zip(views, poses, strict=True)]
+    middles = [float(seen_points(rig, v, p)[:, 2].mean()) for v, p in zip(views, poses, strict=True)]
     spread = (max(middles) - min(middles)) / float(np.mean(middles))
-    if spread < _ONE_DEPTH:
+    if spread < ONE_DEPTH:
         fault = f"all views of {side} are at one depth within {100 * spread:.1f} %"
         yield Finding(fault, "", "move the board nearer and farther, over the depth of what you will scan", "one-depth")
 
@@ -205,15 +205,15 @@ def pose_findings(views: Sequence[BoardView], poses: Sequence[Pose], side: str) 
 def coverage_findings(rig: Rig, views: Sequence[BoardView], poses: Sequence[Pose]) -> Iterator[Finding]:
     """Name points that cover one corner of a device's image only, of what the other device lets them cover."""
     lit = [i for i, v in enumerate(views) if v.projected.any()]
-    depths = [float(poses[i].translation[2]) for i in lit]
-    away = [float((rig.projector_from_camera @ poses[i]).translation[2]) for i in lit]
+    boards = np.array([seen_points(rig, views[i], poses[i]).mean(axis=0) for i in lit])
+    exchanged = Rig(rig.projector, rig.camera, rig.projector_from_camera.inverse())
     camera_xy = np.concatenate([v.camera_xy for v in views])
     projector_xy = np.concatenate([views[i].projector_xy[views[i].projected] for i in lit])
     # A printed board can be anywhere in the camera's image; one that light must fall on cannot.
     free = len(lit) < len(views)
-    shared = 1.0 if free else _shared(rig.camera, rig.projector, rig.projector_from_camera, depths)
+    shared = 1.0 if free else _shared(rig, boards[:, 2])
     yield from _one_corner(camera_xy, rig.camera, shared, "camera", "take views that fill the image, its corners too")
-    shared = _shared(rig.projector, rig.camera, rig.projector_from_camera.inverse(), away)
+    shared = _shared(exchanged, rig.projector_from_camera.apply(boards)[:, 2])
     remedy = "use a larger pattern, or take views in which the board catches light from all of the image"
     yield from _one_corner(projector_xy, rig.projector, shared, "projector", remedy)
 
@@ -230,18 +230,7 @@ def _one_corner(xy: Array, device: Pinhole, possible: float, name: str, remedy: 
         yield Finding(f"the points cover {100 * share:.0f} % of the {name}'s image{usable}", "", remedy, "one-corner")
 
 
-def _shared(device: Pinhole, other: Pinhole, other_from_device: Pose, depths: Sequence[float]) -> float:
-    """Return the share of a device's image in which it sees, at one of some depths in mm, what the other one sees."""
-    pixels = pixel_grid(device.size).reshape(-1, 2)
-    rays = homogeneous(device.normalize(pixels))
-    seen = np.zeros(len(rays), dtype=bool)
-    for depth in depths:
-        xy = other.project(other_from_device.apply(depth * rays))
-        seen |= ((xy >= 0) & (xy <= np.array(other.size) - 1)).all(axis=1)
-    return float(seen.mean())
-
-
-def _middle(view: BoardView, pose: Pose) -> float:
-    """Return the depth in mm of the middle of a view's printed points."""
-    middle = view.board_xy[view.printed].mean(axis=0)
-    return float(pose.apply([middle[0], middle[1], 0.0])[2])
+def _shared(rig: Rig, depths: Array) -> float:
+    """Return the share of the camera's image in which it sees, at one of some depths in mm, what is lit."""
+    xyz, _ = working_volume(rig, pixel_grid(rig.camera.size), depths)
+    return float(np.isfinite(xyz[..., 0]).any(axis=0).mean())

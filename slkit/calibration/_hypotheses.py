@@ -24,8 +24,6 @@ from slkit.data import BoardView
 
 CHANCE = 1e-6
 """How likely noise alone may imitate an explanation that is believed."""
-
-
 _ALONE = 0.9
 """One mark that explains this share of what several do is the only one."""
 
@@ -179,7 +177,7 @@ class Score:
         problem, state, weights = self._problem, self._state, self._weights
         skewed = replace(model, projector=replace(model.projector, skew=True))
         other = replace(problem, free=free_parameters(skewed, state, problem.parts))
-        there, blocks, _ = minimize(other, state, other.blocks(state), lambda _: weights)
+        there, blocks, _ = minimize(other, state, self._blocks, lambda _: weights)
         before, after = cost(problem, self._blocks, weights, state), cost(other, blocks, weights, there)
         share = 1 - after / max(before, 1e-300)
         f = share / max(1 - share, 1e-12) * (self.dof - 1)

@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from slkit.calibration.detect import Singles, grey
+from slkit.calibration.detect import Singles, grey, homography
 from slkit.data import Finding, Image
-from slkit.geometry import Floats
+from slkit.geometry import Floats, transformed
 
 _REACH = 2
 """How many corners too few or too many are searched for."""
@@ -47,8 +47,8 @@ def continues(picture: Image, camera_xy: Floats, grid_xy: Floats) -> bool:
     if len(camera_xy) < 9:
         return False
     levels: Any = cv2.GaussianBlur(grey(picture), (0, 0), 0.7)
-    matrix: Any = cv2.findHomography(grid_xy, camera_xy)[0]
-    if matrix is None:
+    matrix = homography(grid_xy, camera_xy)
+    if np.isnan(matrix).any():
         return False
     low, high = grid_xy.min(axis=0), grid_xy.max(axis=0)
     for axis in (0, 1):
@@ -77,7 +77,7 @@ def _is_corner(levels: Singles, matrix: Floats, place: Floats, axis: int, step: 
 
 def _sampled(levels: Singles, matrix: Floats, places: Floats) -> Singles:
     """Return the grey levels at places (n, 2) of a plane that a homography carries to pixels, -1 outside."""
-    at: Any = cv2.perspectiveTransform(places[None], matrix)[0].astype(np.float32)
+    at = transformed(matrix, places).astype(np.float32)
     values: Any = cv2.remap(levels, at[:, :1], at[:, 1:], cv2.INTER_LINEAR, borderValue=(-1.0,))
     return values.ravel()
 
@@ -99,8 +99,8 @@ def cell_ratio(white: Image, marks: Floats, xy_mm: Floats, cell_mm: float) -> fl
 
     marks (n, 2) px: where the marks at xy_mm (n, 2) are in a picture under white light; the median over all marks.
     """
-    matrix: Any = cv2.findHomography(xy_mm, marks)[0]
-    if matrix is None:
+    matrix = homography(xy_mm, marks)
+    if np.isnan(matrix).any():
         return np.nan
     levels = grey(white)
     sizes = [_half_width(levels, matrix, center, cell_mm, turn) for center in xy_mm for turn in (False, True)]

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from slkit.calibration._exposure import noise_of
-from slkit.calibration.detect import Singles, grey
+from slkit.calibration.detect import Singles, grey, homography
 from slkit.data import BoardView, Finding, Image
 from slkit.geometry import Floats, Pinhole, homogeneous
 
@@ -36,10 +36,10 @@ def panel_size(picture: Image, camera: Pinhole, view: BoardView, ink: Extent) ->
     view: the printed points in the picture; ink: x min, y min, x max, y max in mm of the print.
     """
     known = view.printed
-    matrix: Any = None
-    if known.sum() >= 4:
-        matrix = cv2.findHomography(view.board_xy[known], camera.normalize(view.camera_xy[known]))[0]
-    if matrix is None:
+    if known.sum() < 4:
+        return np.full(2, np.nan)
+    matrix = homography(view.board_xy[known], camera.normalize(view.camera_xy[known]))
+    if np.isnan(matrix).any():
         return np.full(2, np.nan)
     low, high = np.array(ink[:2]), np.array(ink[2:])
     levels: Any = grey(picture)

@@ -5,7 +5,6 @@ Nothing here raises for a bad picture: every mistake becomes a finding whose cod
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -17,9 +16,10 @@ from slkit.calibration._exposure import Look, exposure_findings, look_at, spacin
 from slkit.calibration._numbers import cell_ratio, continues, corners_finding, count_corners, marks_finding
 from slkit.calibration._panel import panel_finding, panel_size
 from slkit.calibration._ripple import Flatness, code_findings, flatness, undecoded
-from slkit.calibration.detect import find_checkerboard, to_8bit
+from slkit.calibration.detect import find_checkerboard, picture_size, to_8bit, usual_size, wrong_size
 from slkit.calibration.marks import find_marks
 from slkit.calibration.projected import find_projected
+from slkit.calibration.solve import MIRRORED
 from slkit.data import BoardView, Capture, Finding, Image
 from slkit.geometry import Floats, Pinhole
 from slkit.targets import Checkerboard, CornerMarks, Printable, ProjectedCheckerboard
@@ -29,12 +29,6 @@ _ASKED = 2
 _CELLS = (0.85, 1.18, 0.5, 2.0, 0.4, 2.5, 0.67, 1.5)
 _UPRIGHT_DEG = 45.0
 _FEWEST = 6
-_MIRRORED = Finding(
-    "the projected image is mirrored",
-    "",
-    "switch off the projector's setting for rear projection, and take all views again",
-    "mirrored",
-)
 
 
 def picture_findings(captures: Sequence[Capture], views: Sequence[BoardView], calibrator: Any) -> tuple[Finding, ...]:
@@ -46,7 +40,7 @@ def picture_findings(captures: Sequence[Capture], views: Sequence[BoardView], ca
     by_name = {view.name: view for view in views}
     seen = [c for c in captures if c.name in by_name]
     size, found = common_size(seen)
-    fitting = [c for c in seen if all(p.shape[1::-1] == size for _, p in pictures_of(c))]
+    fitting = [c for c in seen if all(picture_size(p) == size for _, p in pictures_of(c))]
     found += _exchanged(fitting, by_name, getattr(calibrator, "marks", None))
     light = exposure_findings(_looks(fitting, by_name))
     # Where bad light explains why a board was not found, its numbers are not to blame.
@@ -81,24 +75,21 @@ def pictures_of(capture: Capture) -> list[tuple[str, Image]]:
 
 def common_size(captures: Sequence[Capture]) -> tuple[tuple[int, int], list[Finding]]:
     """Return the size (w, h) px that most pictures have, and the views of another one."""
-    sizes = {c.name: [p.shape[1::-1] for _, p in pictures_of(c)] for c in captures}
-    counts = Counter((size[0], size[1]) for mine in sizes.values() for size in mine)
-    if not counts:
-        return (1, 1), []
-    (width, height), _ = counts.most_common(1)[0]
+    pictures = {c.name: [p for _, p in pictures_of(c)] for c in captures}
+    size = usual_size([p for mine in pictures.values() for p in mine])
     found: list[Finding] = []
-    for name, mine in sizes.items():
-        other = next((size for size in mine if size != (width, height)), None)
+    for name, mine in pictures.items():
+        other = next((p for p in mine if picture_size(p) != size), None)
         if other is None:
             continue
-        sentence = f"its picture is {other[0]} x {other[1]} px, most are {width} x {height} px"
-        if other == (height, width):
+        sentence = wrong_size(other, size)
+        if picture_size(other) == size[::-1]:
             remedy = "turn it back, or copy it again with a program that leaves pictures as they are"
             found.append(Finding(f"{sentence}: it is turned by 90 degrees", name, remedy, "exif-rotated"))
         else:
             remedy = "use the pictures as the camera wrote them, all at one size"
             found.append(Finding(sentence, name, remedy, "other-size"))
-    return (width, height), found
+    return size, found
 
 
 def orientation_findings(views: Sequence[BoardView]) -> list[Finding]:
@@ -113,7 +104,7 @@ def orientation_findings(views: Sequence[BoardView]) -> list[Finding]:
         mirrored += bool(np.linalg.det(matrix) < 0)
         angles.append(float(np.degrees(np.arctan2(matrix[1, 0] - matrix[0, 1], matrix[0, 0] + matrix[1, 1]))))
     if mirrored > len(angles) / 2:
-        return [_MIRRORED]
+        return [MIRRORED]
     turn = 90 * round(float(np.median(np.abs(angles))) / 90) if angles else 0
     if not turn or np.median(np.abs(angles)) < _UPRIGHT_DEG:
         return []
@@ -196,7 +187,7 @@ def _unread(
     nx, ny = projected.corners
     for pattern, white in lost[:_ASKED]:
         if not isinstance(find_projected(pattern[:, ::-1], white[:, ::-1], projected), str):
-            return [_MIRRORED]
+            return [MIRRORED]
         if nx != ny and not isinstance(find_projected(pattern, white, replace(projected, corners=(ny, nx))), str):
             fault = f"the projected checkerboard has {ny} x {nx} inner corners, not {nx} x {ny}"
             remedy = "give the corners under [projected] as columns, then rows"

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
 
 from slkit.calibration._normal import Problem, free_parameters, whole_jacobian
 from slkit.calibration._parameters import Array, covariance_of
-from slkit.calibration._residuals import split
-from slkit.calibration._state import LENS, MOTION, State
+from slkit.calibration._residuals import Block, split
+from slkit.calibration._state import LENS, MOTION
 from slkit.calibration.bundle import Adjusted, every_row, parameter_names, start_of
 from slkit.calibration.model import Model
 from slkit.calibration.surfaces import Surface
@@ -35,7 +35,8 @@ def in_sequence(
     lenses = Model(model.camera, model.projector)
     state = start_of(rig, poses, points, lenses, surfaces)
     problem = Problem(parts, np.array(boards, dtype=np.intp), free_parameters(lenses, state, parts))
-    jacobian, residuals, of_camera = _stacked(problem, state)
+    blocks = problem.blocks(state)
+    jacobian, residuals, of_camera = _stacked(problem, blocks)
     spread = problem.free.spread
     shared = problem.free.count
     is_late = np.zeros(jacobian.shape[1], dtype=bool)
@@ -56,17 +57,16 @@ def in_sequence(
     taken = np.empty(len(residuals))
     taken[of_camera], taken[~of_camera] = _leverage(jacobian[np.ix_(of_camera, early)]), _leverage(after)
     ends = 2 * np.cumsum([len(p.view) for p in parts])
-    errors = [problem.blocks(state)[p.name].error for p in parts]
-    classes = {p.name: _scatter(e, t) for p, e, t in zip(parts, errors, np.split(taken, ends[:-1]), strict=True)}
+    shares = zip(parts, np.split(taken, ends[:-1]), strict=True)
+    classes = {part.name: _scatter(blocks[part.name].error, share) for part, share in shares}
     return Adjusted(problem, state, names, covariance, classes, {}, every_row(parts), {})
 
 
-def _stacked(problem: Problem, state: State) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
+def _stacked(problem: Problem, blocks: Mapping[str, Block]) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
     """Return the Jacobian over all free parameters, the residuals, and the mask of those that lie in the camera.
 
     The sequence fits projected corners in the projector's image: their camera residuals are carried over there.
     """
-    blocks = problem.blocks(state)
     rows: list[Array] = []
     errors: list[Array] = []
     for part in problem.parts:

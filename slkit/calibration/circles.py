@@ -8,7 +8,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from slkit.calibration.detect import Corners, symmetries, unmirrored, uprightness
+from slkit.calibration.detect import Corners, homography, symmetries, unmirrored, uprightness
+from slkit.geometry import transformed
 from slkit.targets import CircleGrid
 
 Array = npt.NDArray[np.float64]
@@ -39,19 +40,19 @@ def find_circles(image: npt.NDArray[np.uint8], target: CircleGrid) -> Array | No
     return None
 
 
-def ellipse_offset(homography: Array, centers: Array, radius: float) -> Array:
+def ellipse_offset(matrix: Array, centers: Array, radius: float) -> Array:
     """Return by how much (n, 2) px the centre of a disc's picture lies from the picture of its centre.
 
-    homography (3, 3) from mm to px; centers (n, 2), radius: of the discs in mm.
+    matrix (3, 3): homography from mm to px; centers (n, 2), radius: of the discs in mm.
     Source: Heikkila and Silven, A four-step camera calibration procedure (1997), section 3.
     """
-    back = np.linalg.inv(homography)
+    back = np.linalg.inv(matrix)
     x, y = centers.T
     one, zero = np.ones_like(x), np.zeros_like(x)
     conic = np.stack([one, zero, -x, zero, one, -y, -x, -y, x * x + y * y - radius**2], axis=1).reshape(-1, 3, 3)
     seen = back.T @ conic @ back
     middle = np.linalg.solve(seen[:, :2, :2], -seen[:, :2, 2:])[..., 0]
-    return middle - _mapped(homography, centers)
+    return middle - transformed(matrix, centers)
 
 
 def _blob_detector(image: npt.NDArray[np.uint8]) -> Any:
@@ -69,9 +70,9 @@ def _in_order(found: Corners, target: CircleGrid) -> Array | None:
     for variant in symmetries(found):
         if variant.shape == found.shape and unmirrored(variant):
             seen = variant.reshape(-1, 2)
-            homography = _homography(target.points(), seen)
-            away = np.linalg.norm(_mapped(homography, target.points()) - seen, axis=1)
-            if (away < _MISFIT * _radius_px(homography, target)).all():
+            matrix = homography(target.points(), seen)
+            away = np.linalg.norm(transformed(matrix, target.points()) - seen, axis=1)
+            if (away < _MISFIT * _radius_px(matrix, target)).all():
                 fitting.append(variant)
     return max(fitting, key=uprightness).reshape(-1, 2) if fitting else None
 
@@ -80,31 +81,30 @@ def _refined(image: npt.NDArray[np.uint8], seen: Array, target: CircleGrid) -> A
     points, radius = target.points(), target.diameter_mm / 2
     apart = target.spacing_mm * (2**0.5 if target.asymmetric else 1)
     reach = min(_WIDEST_RING, apart / target.diameter_mm)
-    homography = _homography(points, seen)
     for _ in range(_ROUNDS):
-        offset = ellipse_offset(homography, points, radius)
-        shift = seen - _mapped(homography, points)
-        middles = [_middle(image, homography, p, s, radius, reach) for p, s in zip(points, shift, strict=True)]
+        matrix = homography(points, seen)
+        offset = ellipse_offset(matrix, points, radius)
+        shift = seen - transformed(matrix, points)
+        middles = [_middle(image, matrix, p, s, radius, reach) for p, s in zip(points, shift, strict=True)]
         seen = np.array(middles) - offset
-        homography = _homography(points, seen)
     return seen
 
 
 def _middle(
-    image: npt.NDArray[np.uint8], homography: Array, center: Array, shift: Array, radius: float, reach: float
+    image: npt.NDArray[np.uint8], matrix: Array, center: Array, shift: Array, radius: float, reach: float
 ) -> Array:
     """Return the centre of gravity (2,) px of the darkness of one disc against a linear shade of the paper around it.
 
     shift (2,): how far in px the disc lies from where the homography puts it.
     """
     angles = np.linspace(0, 2 * np.pi, 24, endpoint=False)
-    rim = _mapped(homography, center + reach * radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)) + shift
+    rim = transformed(matrix, center + reach * radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)) + shift
     low = np.maximum(np.floor(rim.min(axis=0)), 0).astype(np.intp)
     high = np.minimum(np.ceil(rim.max(axis=0)), np.array(image.shape[::-1]) - 1).astype(np.intp)
     x, y = np.meshgrid(np.arange(low[0], high[0] + 1), np.arange(low[1], high[1] + 1))
     pixels = np.stack([x, y], axis=-1).reshape(-1, 2).astype(np.float64)
-    back = np.asarray(np.linalg.inv(homography), dtype=np.float64)
-    away = np.linalg.norm(_mapped(back, pixels - shift) - center, axis=1) / radius
+    back = np.asarray(np.linalg.inv(matrix), dtype=np.float64)
+    away = np.linalg.norm(transformed(back, pixels - shift) - center, axis=1) / radius
     pixels, away = pixels[away <= reach], away[away <= reach]
     levels = image[pixels[:, 1].astype(np.intp), pixels[:, 0].astype(np.intp)].astype(np.float64)
     paper = away > (1 + reach) / 2
@@ -116,17 +116,9 @@ def _middle(
     return (dark[:, None] * pixels).sum(axis=0) / dark.sum()
 
 
-def _homography(points: Array, seen: Array) -> Array:
-    return np.asarray(cv2.findHomography(points, seen)[0], dtype=np.float64)
-
-
-def _radius_px(homography: Array, target: CircleGrid) -> Array:
+def _radius_px(matrix: Array, target: CircleGrid) -> Array:
     """Return the smaller radius (n,) px that each disc has in the picture."""
     points, radius = target.points(), target.diameter_mm / 2
-    middle = _mapped(homography, points)
-    across = [np.linalg.norm(_mapped(homography, points + np.eye(2)[k] * radius) - middle, axis=1) for k in (0, 1)]
+    middle = transformed(matrix, points)
+    across = [np.linalg.norm(transformed(matrix, points + np.eye(2)[k] * radius) - middle, axis=1) for k in (0, 1)]
     return np.minimum(*across)
-
-
-def _mapped(homography: Array, points: Array) -> Array:
-    return cv2.perspectiveTransform(points[None], homography)[0].astype(np.float64)

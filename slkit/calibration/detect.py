@@ -57,6 +57,12 @@ def wrong_size(picture: Image, size: tuple[int, int]) -> str:
     return f"its picture is {describe_image(picture)}, most are {size[0]} x {size[1]} px"
 
 
+def homography(start: npt.ArrayLike, end: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    """Return the homography (3, 3) that takes points (n, 2), n >= 4, to others (n, 2) best, NaN where there is none."""
+    matrix: Any = cv2.findHomography(np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64))[0]
+    return np.full((3, 3), np.nan) if matrix is None else np.asarray(matrix, dtype=np.float64)
+
+
 def find_checkerboard(
     image: npt.NDArray[np.uint8], corners: tuple[int, int], reach: float = WHOLE_REACH
 ) -> Corners | None:
@@ -120,9 +126,9 @@ def fit_corners(image: npt.NDArray[np.uint8], corners: Corners, reach: float) ->
     """
     ny, nx = corners.shape[:2]
     seen = np.isfinite(corners).all(axis=2)
-    matrix: Any = cv2.findHomography(grid((nx, ny)).reshape(ny, nx, 2)[seen], corners[seen])[0]
+    matrix = homography(grid((nx, ny)).reshape(ny, nx, 2)[seen], corners[seen])
     result = corners.copy()
-    if matrix is None:
+    if np.isnan(matrix).any():
         return result
     far = np.array([-9.0, 0.0, 9.0])
     drawing = Drawing(far, far, np.eye(2), reach)

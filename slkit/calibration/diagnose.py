@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -15,13 +16,26 @@ from slkit.calibration.bundle import adjust
 from slkit.calibration.model import Model
 from slkit.data import BoardView, Calibration, DeviceDiagnosis, Diagnosis, ViewResult
 from slkit.errors import CalibrationError
-from slkit.geometry import LENS_NAMES, MOTION_NAMES, Pinhole, Pose, Rig, ninths, sigmas_of
+from slkit.geometry import (
+    LENS_NAMES,
+    MOTION_NAMES,
+    Pinhole,
+    Pose,
+    Rig,
+    flat,
+    homogeneous,
+    intersect_rays,
+    ninths,
+    sigmas_of,
+)
 from slkit.protocols import Calibrator
 
 Solver = Callable[[Sequence[ViewResult]], Rig]
 """What makes a rig of some of the views of a calibration."""
 _ALIKE = 0.99
 _FEWEST_HALVES = 6
+ONE_DEPTH = 0.05
+"""Boards whose middles differ by a smaller share of their depth are at one depth."""
 
 
 def diagnosed(calibration: Calibration) -> Diagnosis:
@@ -104,9 +118,49 @@ def jointly(calibration: Calibration, model: Model) -> Solver:
     return solve
 
 
-def by_method(calibrator: Calibrator) -> Solver:
-    """Return what solves some views of a calibration as its own method does."""
-    return lambda chosen: calibrator.solve([_kept(r) for r in chosen]).rig
+def solver_of(calibration: Calibration, calibrator: Calibrator, model: Model) -> Solver:
+    """Return what solves some views of a calibration as it was solved: jointly, or by the steps of its own method.
+
+    model: what is estimated, also another than the calibrator's own.
+    """
+    # The steps of a paper are judged by what they predict themselves, not by what an adjustment makes of them.
+    if model.refine and calibration.covariance is not None:
+        return jointly(calibration, model)
+    known: Any = calibrator
+    own: Calibrator = replace(known, model=model)
+    return lambda chosen: own.solve([_kept(r) for r in chosen]).rig
+
+
+def seen_points(rig: Rig, view: BoardView, pose: Pose) -> Array:
+    """Return points (n, 3) mm in the camera's frame that lie on the board of a view: its printed ones.
+
+    Of a solid, whose sheet is folded, those in which the rays of camera and projector meet. pose: camera_from_target.
+    """
+    if view.face is None:
+        return pose.apply(flat(view.board_xy[view.printed]))
+    seen = homogeneous(rig.camera.normalize(view.camera_xy[view.projected]))
+    lit = homogeneous(rig.projector.normalize(view.projector_xy[view.projected]))
+    turned = lit @ rig.projector_from_camera.rotation
+    return intersect_rays(np.zeros(3), seen, rig.projector_center, turned)[0]
+
+
+def board_depths(calibration: Calibration) -> tuple[float, ...]:
+    """Return three depths in mm, nearest, middle and farthest, of the boards' middles that light fell on.
+
+    Of boards at one depth those of their points; where these are at one depth too, this one.
+    """
+    points = [
+        seen_points(calibration.rig, r.view, r.pose)[:, 2]
+        for r in calibration.views
+        if r.used and r.pose is not None and r.view is not None and r.view.projected.any()
+    ]
+    if not points:
+        return ()
+    depths = [float(p.mean()) for p in points]
+    if np.ptp(depths) < ONE_DEPTH * np.mean(depths):
+        depths = np.concatenate(points).tolist()
+    low, high = min(depths), max(depths)
+    return (low, (low + high) / 2, high) if high > low else (low,)
 
 
 def _kept(result: ViewResult) -> BoardView:
@@ -181,11 +235,10 @@ def _device(
         xy = xy[np.isfinite(xy).all(axis=1)]
         if not len(xy):
             continue
-        placed = motion @ pose
-        middle = view.board_xy[view.printed].mean(axis=0)
         seen.append(xy)
-        depths.append(float(placed.apply([middle[0], middle[1], 0.0])[2]))
-        tilts.append(float(np.degrees(np.arccos(np.clip(abs(placed.rotation[2, 2]), 0, 1)))))
+        depths.append(float(motion.apply(seen_points(calibration.rig, view, pose))[:, 2].mean()))
+        if view.face is None:
+            tilts.append(float(np.degrees(np.arccos(np.clip(abs((motion @ pose).rotation[2, 2]), 0, 1)))))
     counts = ninths(np.concatenate([*seen, np.empty((0, 2))]), device.size)
     name = "camera" if pixels == "camera_xy" else "projector"
     return DeviceDiagnosis(counts, _range(depths), _range(tilts), _parameters(name, device, motion, calibration))

@@ -111,8 +111,9 @@ def assembled(
     poses = dict(zip(names, state.poses, strict=True))
     kept = dict(zip(names, found.kept_rows(used), strict=True))
     shown = dict(zip(names, found.problem.board.tolist(), strict=True))
-    errors = dict(zip(names, _errors(used, found), strict=True))
-    own = dict(zip(names, _own_residuals(used, found, model), strict=True))
+    local = _local_points(used, found)
+    errors = dict(zip(names, _errors(used, found, local), strict=True))
+    own = dict(zip(names, _own_residuals(used, found, local, model), strict=True))
     results: list[ViewResult] = []
     pooled: list[Array] = []
     for view in views:
@@ -177,12 +178,12 @@ def _local_points(used: Sequence[BoardView], found: Adjusted) -> list[Array]:
     return points
 
 
-def _errors(used: Sequence[BoardView], found: Adjusted) -> list[tuple[Array, Array]]:
+def _errors(used: Sequence[BoardView], found: Adjusted, local_points: Sequence[Array]) -> list[tuple[Array, Array]]:
     """Return per view the errors (n, 2) px of every row in the camera and in the projector, NaN where none."""
     state, problem = found.state, found.problem
     blocks = problem.blocks(state)
     result: list[tuple[Array, Array]] = []
-    for index, (view, pose, local) in enumerate(zip(used, state.poses, _local_points(used, found), strict=True)):
+    for index, (view, pose, local) in enumerate(zip(used, state.poses, local_points, strict=True)):
         camera, projector = np.full(view.camera_xy.shape, np.nan), np.full(view.camera_xy.shape, np.nan)
         for part in problem.parts:
             if part.name != "decoded":
@@ -193,9 +194,11 @@ def _errors(used: Sequence[BoardView], found: Adjusted) -> list[tuple[Array, Arr
     return result
 
 
-def _own_residuals(used: Sequence[BoardView], found: Adjusted, model: Model) -> list[tuple[Array, Array]]:
+def _own_residuals(
+    used: Sequence[BoardView], found: Adjusted, local: Sequence[Array], model: Model
+) -> list[tuple[Array, Array]]:
     """Return per view the residuals (n, 2) and (m, 2) px of camera and projector, each adjusted by itself."""
-    state, local = found.state, _local_points(used, found)
+    state = found.state
     kept = [
         mask if index not in found.rejected else np.zeros(len(mask), dtype=bool)
         for index, mask in enumerate(found.kept_rows(used))

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from slkit.calibration._fit import Drawing, fit_drawing, softened
+from slkit.geometry import transformed
 from slkit.targets import BorderMarks, CornerMarks
 
 Points = npt.NDArray[np.float64]
@@ -140,8 +141,8 @@ def _shifts(candidates: Points, homographies: Points, centers: Points, cell_mm: 
 
     A lens bends the rows between them; the nearest candidate tells, if one lies within reach. NaN where none does.
     """
-    predicted = _mapped(homographies, centers)
-    beside = _mapped(homographies, centers + [cell_mm, 0.0])
+    predicted = transformed(homographies, centers)
+    beside = transformed(homographies, centers + [cell_mm, 0.0])
     reach = _BENT * np.linalg.norm(beside - predicted, axis=2)
     away = candidates - predicted[:, :, None]
     distance = np.linalg.norm(away, axis=3)
@@ -159,20 +160,13 @@ def _scores(
     shifts (m, n, 2): from where the homography puts each mark to where it is looked for, in px.
     """
     places = centers[:, None] + np.concatenate([_BLACK, _WHITE, _AROUND])[None] * cell_mm
-    seen = _mapped(homographies, places.reshape(-1, 2)).reshape(len(homographies), *places.shape)
+    seen = transformed(homographies, places.reshape(-1, 2)).reshape(len(homographies), *places.shape)
     values = _sample(smooth, seen + np.expand_dims(shifts, 2) if np.ndim(shifts) else seen)
     dark, bright, around = np.split(values, [len(_BLACK), len(_BLACK) + len(_WHITE)], axis=2)
     # White paper must surround a mark; where the picture ends there it cannot be asked for.
     paper = np.minimum(bright.min(axis=2), np.where(np.isnan(around), np.inf, around).min(axis=2))
     score = ((paper - dark.max(axis=2)) / np.maximum(bright.max(axis=2), 1)).min(axis=1)
     return np.nan_to_num(score.astype(np.float64), nan=0.0)
-
-
-def _mapped(homographies: Points, points: Points) -> Points:
-    """Return points (k, 2) mm under homographies (m, 3, 3), as (m, k, 2) px."""
-    places = np.concatenate([points, np.ones((len(points), 1))], axis=1) @ homographies.transpose(0, 2, 1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return places[..., :2] / places[..., 2:]
 
 
 def _sample(smooth: npt.NDArray[np.float32], points: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
@@ -186,7 +180,7 @@ def _sample(smooth: npt.NDArray[np.float32], points: npt.NDArray[Any]) -> npt.ND
 
 
 def _uprightness(homographies: Points, corners: Points) -> Points:
-    points = _mapped(homographies, corners)
+    points = transformed(homographies, corners)
     right, down = points[:, 1] - points[:, 0], points[:, 3] - points[:, 0]
     return right[:, 0] / np.linalg.norm(right, axis=1) + down[:, 1] / np.linalg.norm(down, axis=1)
 

@@ -27,6 +27,12 @@ from slkit.geometry import LENS_NAMES, RIG_NAMES, Pinhole, Pose, as_size, homoge
 
 _SAME_DEG = 1.0
 """Refinement often takes both planar solutions to one pose; closer than this they are one."""
+MIRRORED = Finding(
+    "the projected image is mirrored",
+    "",
+    "switch off the projector's setting for rear projection, and take all views again",
+    "mirrored",
+)
 _CRITERIA = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 200, 1e-9)
 
 
@@ -195,10 +201,8 @@ def linear_projector(xyz: Array, pixels: Array, size: tuple[int, int]) -> Projec
     signs = np.sign(np.diag(upper))
     upper, turn = upper * signs, signs[:, None] * turn
     if np.linalg.det(turn) < 0:
-        remedy = "switch off the projector's setting for rear projection, and take all views again"
-        mirrored = Finding("the projected image is mirrored", "", remedy, "mirrored")
         sentence = "the points and their projector pixels are mirrored: is the pattern projected mirrored?"
-        raise CalibrationError(sentence, (mirrored,))
+        raise CalibrationError(sentence, (MIRRORED,))
     translation = np.linalg.solve(upper, camera_matrix[:, 3])
     focal_x, focal_y = np.diag(upper)[:2] / upper[2, 2]
     center_x, center_y = upper[:2, 2] / upper[2, 2]

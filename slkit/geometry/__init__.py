@@ -10,7 +10,7 @@ from slkit.geometry.checks import Floats, as_floats, as_size
 from slkit.geometry.derivatives import normalize_with_derivatives, project_with_derivatives
 from slkit.geometry.lenses import DISTORTION_NAMES, LENS_NAMES, Pinhole
 from slkit.geometry.poses import MOTION_NAMES, Pose
-from slkit.geometry.rays import homogeneous, intersect_plane, intersect_rays
+from slkit.geometry.rays import flat, homogeneous, intersect_plane, intersect_rays, transformed
 from slkit.geometry.rigs import RIG_NAMES, Rig, sigmas_of
 from slkit.geometry.volumes import ninths, pixel_grid, steeper_axis, working_volume
 
@@ -25,6 +25,7 @@ __all__ = [
     "Rig",
     "as_floats",
     "as_size",
+    "flat",
     "homogeneous",
     "intersect_plane",
     "intersect_rays",
@@ -34,5 +35,6 @@ __all__ = [
     "project_with_derivatives",
     "sigmas_of",
     "steeper_axis",
+    "transformed",
     "working_volume",
 ]

@@ -1,4 +1,4 @@
-"""Viewing rays: where they meet a plane, and where two of them are nearest."""
+"""Points of planes and images, and viewing rays: where they meet a plane, and where two of them are nearest."""
 
 from __future__ import annotations
 
@@ -10,6 +10,22 @@ def homogeneous(xy: npt.ArrayLike) -> npt.NDArray[np.float64]:
     """Return (..., 2) coordinates with a 1 appended, (..., 3)."""
     xy = np.asarray(xy, dtype=np.float64)
     return np.concatenate([xy, np.ones((*xy.shape[:-1], 1))], axis=-1)
+
+
+def flat(xy: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    """Return points (..., 2) mm of a board as (..., 3) mm, z = 0."""
+    xy = np.asarray(xy, dtype=np.float64)
+    return np.concatenate([xy, np.zeros((*xy.shape[:-1], 1))], axis=-1)
+
+
+def transformed(homography: npt.ArrayLike, xy: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    """Return points (n, 2) under a homography (3, 3), or under each of several (m, 3, 3) as (m, n, 2).
+
+    A point that goes to infinity becomes infinite or NaN.
+    """
+    places = homogeneous(xy) @ np.swapaxes(np.asarray(homography, dtype=np.float64), -1, -2)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return places[..., :2] / places[..., 2:]
 
 
 def intersect_plane(directions: npt.ArrayLike, normal: npt.ArrayLike, offset: float) -> npt.NDArray[np.float64]:

@@ -103,7 +103,7 @@ def _selected(
     calibrator: Calibrator, calibration: Calibration, progress: Progress | None
 ) -> tuple[Calibrator, Iterator[str]]:
     """Return the calibrator with the distortion set that predicts left-out views best, and what was compared."""
-    from slkit.calibration.diagnose import by_method, jointly
+    from slkit.calibration.diagnose import Solver, solver_of
     from slkit.calibration.model import Model
     from slkit.calibration.select import select_distortion
 
@@ -111,10 +111,8 @@ def _selected(
     if not isinstance(getattr(known, "model", None), Model):
         raise InputError(f"--select needs a calibrator with a field `model`, which {calibration.method} has not")
 
-    def solver(model: Model) -> Any:
-        if known.model.refine:
-            return jointly(calibration, model)
-        return by_method(dataclasses.replace(known, model=model))
+    def solver(model: Model) -> Solver:
+        return solver_of(calibration, known, model)
 
     model, candidates = select_distortion(calibration, known.model, solver, telling(progress, "compare models"))
     return dataclasses.replace(known, model=model), _comparison(candidates)

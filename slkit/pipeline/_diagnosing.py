@@ -29,16 +29,14 @@ def diagnose(calibration: Calibration, calibrator: Calibrator, progress: Progres
 
     What cannot be had from so few views, or from a calibrator of another make, is left empty.
     """
-    from slkit.calibration.diagnose import by_method, diagnosed, jointly, left_out, with_left_out
+    from slkit.calibration.diagnose import board_depths, diagnosed, left_out, solver_of, with_left_out
     from slkit.calibration.model import Model
     from slkit.calibration.verdict import judged
 
     diagnosis = diagnosed(calibration)
     model = getattr(calibrator, "model", None)
     if isinstance(model, Model) and model.release_mm is None:
-        # The steps of a paper are judged by what they predict themselves, not by what an adjustment makes of them.
-        adjusted = model.refine and calibration.covariance is not None
-        solver = jointly(calibration, model) if adjusted else by_method(calibrator)
+        solver = solver_of(calibration, calibrator, model)
         errors = left_out(calibration, solver, telling(progress, "leave views out"))
         diagnosis = with_left_out(diagnosis, errors, calibration)
     depths = board_depths(calibration)
@@ -49,19 +47,6 @@ def diagnose(calibration: Calibration, calibrator: Calibrator, progress: Progres
     )
     verdict = judged(calibration, _findings(calibration, diagnosis))
     return replace(calibration, diagnosis=diagnosis, verdict=verdict)
-
-
-def board_depths(calibration: Calibration) -> tuple[float, ...]:
-    """Return three depths in mm, the nearest, the middle and the farthest of the boards' middles that light fell on."""
-    depths = [
-        float(r.pose.apply(np.append(np.nanmean(r.view.board_xy[r.view.printed], axis=0), 0.0))[2])
-        for r in calibration.views
-        if r.used and r.pose is not None and r.view is not None and r.view.projected.any() and r.view.printed.any()
-    ]
-    if not depths:
-        return ()
-    low, high = min(depths), max(depths)
-    return (low, (low + high) / 2, high)
 
 
 def diagnosis_table(calibration: Calibration) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from slkit.geometry import Pose
-from slkit.simulation.boards import board_poses, marks_for, projected_outline
+from slkit.simulation.boards import board_poses, marks_for, projected_outline, rim
 from slkit.simulation.rig import working_volume
 from slkit.simulation.session import CODED, MARKS, PRINTED, Session, planar_patterns
 from slkit.simulation.surface import Doubles
@@ -69,11 +69,10 @@ def one_corner(session: Session, strong: bool, rng: np.random.Generator) -> Sess
     if session.method == "coded":
         middle = camera.project(working_volume(session.rig)[0])
     slack = 0.0 if strong else 0.08 * min(camera.size)
-    x0, y0, x1, y1 = printed.extent()
-    rim = np.array([[x0, y0, 0], [x1, y0, 0], [x1, y1, 0], [x0, y1, 0]])
+    corners = rim(printed.extent())
 
     def inside(pose: Pose) -> bool:
-        return bool(((camera.project(pose.apply(rim)) - middle) * corner > -slack).all())
+        return bool(((camera.project(pose.apply(corners)) - middle) * corner > -slack).all())
 
     return _redrawn(small, rng, {"accept": inside}, {})
 

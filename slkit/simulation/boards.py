@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from slkit.errors import InputError
-from slkit.geometry import Pose, Rig, homogeneous, intersect_plane
+from slkit.geometry import Pose, Rig, flat, homogeneous, intersect_plane
 from slkit.simulation.rig import in_view, seen_by, working_distance, working_volume
 from slkit.simulation.scene import Extent
 from slkit.simulation.surface import Doubles
@@ -149,15 +149,15 @@ def _under_pattern(
 ) -> Pose | None:
     """Return the sheet in the plane through `place`, shifted so that the pattern falls on it, or None."""
     low, high = np.array(extent[:2]), np.array(extent[2:])
-    flat = Pose(rotation, place)
-    outline = _on_board(rig, flat, projected_outline(pattern))
+    through = Pose(rotation, place)
+    outline = _on_board(rig, through, projected_outline(pattern))
     if not np.isfinite(outline).all():
         return None
     slack = (high - low) - np.ptp(outline, axis=0)
     if (slack < 0).any():
         return None
     shift = outline.min(axis=0) - low - rng.uniform(0, 1, 2) * slack
-    pose = Pose(rotation, flat.apply([*shift, 0]))
+    pose = Pose(rotation, through.apply(flat(shift)))
     if not _visible(rig, extent, pose, lit=False):
         return None
     return pose if marks is None or _marks_clear(rig, pose, pattern, marks) else None
@@ -169,7 +169,7 @@ def _marks_clear(rig: Rig, pose: Pose, pattern: ProjectedCheckerboard, marks: Co
     if away.min() < 2.5 * marks.cell_mm:
         return False
     around = marks.points()[:, None] + 1.7 * marks.cell_mm * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [0, 0]])
-    lit = seen_by(rig.projector, rig.projector_from_camera.apply(pose.apply(_flat(around))), 2.0)
+    lit = seen_by(rig.projector, rig.projector_from_camera.apply(pose.apply(flat(around))), 2.0)
     return bool((lit.all(axis=1) | ~lit.any(axis=1)).all())
 
 
@@ -184,10 +184,10 @@ def _on_board(rig: Rig, camera_from_board: Pose, projector_xy: Doubles) -> Doubl
 
 
 def _visible(rig: Rig, extent: Extent, pose: Pose, lit: bool) -> bool:
-    points = pose.apply(_flat(_perimeter(extent)))
+    points = pose.apply(flat(_perimeter(extent)))
     if not seen_by(rig.camera, points, _MARGIN_PX).all() or (lit and not in_view(rig, points, _MARGIN_PX).all()):
         return False
-    normal, center = pose.rotation[:, 2], pose.apply([(extent[0] + extent[2]) / 2, (extent[1] + extent[3]) / 2, 0])
+    normal, center = pose.rotation[:, 2], pose.apply(_middle(extent))
     # The printed side looks at the board's own -z; both devices must stand on that side, and not too low.
     cosines = [view @ normal / np.linalg.norm(view) for view in (center, center - rig.projector_center)]
     return bool(cosines[0] > _STEEPEST and (cosines[1] > _STEEPEST or not lit))
@@ -200,8 +200,17 @@ def _rotation(rng: np.random.Generator, tilt_deg: tuple[float, float]) -> Double
 
 
 def _placed(extent: Extent, rotation: Doubles, place: Doubles) -> Pose:
-    center = np.array([(extent[0] + extent[2]) / 2, (extent[1] + extent[3]) / 2, 0])
-    return Pose(rotation, place - rotation @ center)
+    return Pose(rotation, place - rotation @ _middle(extent))
+
+
+def _middle(extent: Extent) -> Doubles:
+    return rim(extent).mean(axis=0)
+
+
+def rim(extent: Extent) -> Doubles:
+    """Return the corners (4, 3) mm of a sheet, TL TR BR BL."""
+    x0, y0, x1, y1 = extent
+    return flat([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
 
 
 def _perimeter(extent: Extent, count: int = 13) -> Doubles:
@@ -209,10 +218,6 @@ def _perimeter(extent: Extent, count: int = 13) -> Doubles:
     rows = [np.stack([x, np.full(count, v)], axis=-1) for v in (y[0], y[-1])]
     columns = [np.stack([np.full(count, u), y], axis=-1) for u in (x[0], x[-1])]
     return np.concatenate(rows + columns)
-
-
-def _flat(board_xy: Doubles) -> Doubles:
-    return np.concatenate([board_xy, np.zeros((*board_xy.shape[:-1], 1))], axis=-1)
 
 
 def _round(length_mm: float) -> float:

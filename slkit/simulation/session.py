@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from slkit.data import Frames, Image
-from slkit.geometry import Pose, Rig, ninths
-from slkit.simulation.boards import board_poses, boards_for
+from slkit.geometry import Pose, Rig, flat, ninths
+from slkit.simulation.boards import board_poses, boards_for, rim
 from slkit.simulation.rig import working_volume
 from slkit.simulation.scanner import Optics, SimulatedScanner
 from slkit.simulation.scene import Bend, Extent, board
@@ -109,20 +109,22 @@ def planar_session(
 
 
 def _varied(draw: Callable[[int], tuple[Pose, ...]], count: int) -> tuple[Pose, ...]:
-    """Return poses that are not all at one depth; where they are, as many more are drawn and the extremes taken."""
+    """Return poses that are not all at one depth; where they are, nearest and farthest are taken from twice as many."""
     poses = draw(count)
     depths = [pose.translation[2] for pose in poses]
     if count < 3 or np.ptp(depths) > _VARIED * np.mean(depths):
         return poses
-    more = sorted([*poses, *draw(count)], key=lambda pose: float(pose.translation[2]))
-    return (more[0], *poses[1:-1], more[-1])
+    others = draw(count)
+    near, far = int(np.argmin(depths)), int(np.argmax(depths))
+    nearest, *_, farthest = sorted([*others, poses[near], poses[far]], key=lambda pose: float(pose.translation[2]))
+    return tuple({near: nearest, far: farthest}.get(i, pose) for i, pose in enumerate(poses))
 
 
 def _spread(draw: Callable[[int], tuple[Pose, ...]], count: int, rig: Rig, printed: Checkerboard) -> tuple[Pose, ...]:
     """Return poses that cover both images; where they cover little, those of more poses that cover the most."""
 
     def covered(pose: Pose) -> Any:
-        xyz = pose.apply(np.pad(printed.points(), ((0, 0), (0, 1))))
+        xyz = pose.apply(flat(printed.points()))
         seen = ((rig.camera.project(xyz), rig.camera), (rig.to_projector(xyz), rig.projector))
         return np.concatenate([ninths(xy, device.size).ravel() > 0 for xy, device in seen])
 
@@ -142,11 +144,9 @@ def _exposed(rig: Rig, sheet: Extent, poses: tuple[Pose, ...]) -> Optics:
     """Return optics whose exposure suits the brightest place of all boards, as a careful user sets it."""
     optics, eye = Optics(), rig.projector_center
     reference = float(np.linalg.norm(working_volume(rig)[0] - eye))
-    x0, y0, x1, y1 = sheet
-    rim = np.array([[x0, y0, 0], [x1, y0, 0], [x1, y1, 0], [x0, y1, 0]])
     brightest = 0.0
     for pose in poses:
-        away = pose.apply(rim) - eye
+        away = pose.apply(rim(sheet)) - eye
         distance = np.linalg.norm(away, axis=1)
         light = np.abs(away @ pose.rotation[:, 2]) / distance * (reference / distance) ** 2
         brightest = max(brightest, PAPER * (optics.white_level * float(light.max()) + optics.ambient))

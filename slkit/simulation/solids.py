@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from slkit.errors import InputError
-from slkit.geometry import Pose, Rig
+from slkit.geometry import Pose, Rig, flat
 from slkit.simulation.rig import in_view, working_volume
 from slkit.simulation.surface import Doubles, Print, Scene, Surface
 from slkit.targets import Face, ProjectedCheckerboard, ProjectedFaces, SolidTarget
@@ -93,7 +93,7 @@ def boards_on(rig: Rig, target: SolidTarget) -> ProjectedFaces:
 
 def _surface(target: SolidTarget, face: Face, pose: Pose) -> Surface:
     triangles = np.array([[0, 1, 2], [0, 2, 3]])
-    return Surface(pose.apply(_flat(face.outline())), triangles, Print(target.sheet, pose))
+    return Surface(pose.apply(flat(face.outline())), triangles, Print(target.sheet, pose))
 
 
 def _suits(rig: Rig, target: SolidTarget, camera_from_solid: Pose) -> bool:
@@ -102,7 +102,7 @@ def _suits(rig: Rig, target: SolidTarget, camera_from_solid: Pose) -> bool:
         return False
     for face in target.faces:
         pose = camera_from_solid @ face.solid_from_face
-        center, normal = pose.apply(_flat(face.outline()).mean(axis=0)), pose.rotation[:, 2]
+        center, normal = pose.apply(flat(face.outline()).mean(axis=0)), pose.rotation[:, 2]
         for eye in (np.zeros(3), rig.projector_center):
             # The printed side looks at the face's own -z.
             if normal @ (center - eye) < _LOWEST * np.linalg.norm(center - eye):
@@ -128,7 +128,7 @@ def _boxes(rig: Rig, target: SolidTarget, camera_from_solid: Pose) -> list[tuple
 def _quads(rig: Rig, target: SolidTarget, camera_from_solid: Pose) -> list[Doubles]:
     """Return for each face the corners (4, 2), in projector px, of what is clear of tags."""
     motions = [camera_from_solid @ face.solid_from_face for face in target.faces]
-    clear = [_flat(_clear(face, target.tag_mm)) for face in target.faces]
+    clear = [flat(_clear(face, target.tag_mm)) for face in target.faces]
     return [rig.to_projector(motion.apply(xyz)) for motion, xyz in zip(motions, clear, strict=True)]
 
 
@@ -166,7 +166,7 @@ def _clear(face: Face, tag_mm: float) -> Doubles:
 
 
 def _outlines(target: SolidTarget) -> Doubles:
-    return np.concatenate([face.solid_from_face.apply(_flat(face.outline())) for face in target.faces])
+    return np.concatenate([face.solid_from_face.apply(flat(face.outline())) for face in target.faces])
 
 
 def _middle(target: SolidTarget) -> Doubles:
@@ -180,7 +180,3 @@ def _shortest(a: Doubles, b: Doubles) -> Doubles:
     length = float(np.linalg.norm(axis))
     vector = axis / max(length, 1e-12) * np.arctan2(length, float(a @ b))
     return np.asarray(Pose.from_rotation_vector(vector, np.zeros(3)).rotation, dtype=np.float64)
-
-
-def _flat(xy: Doubles) -> Doubles:
-    return np.asarray(np.pad(xy, ((0, 0), (0, 1))), dtype=np.float64)

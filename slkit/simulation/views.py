@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from slkit.data import BoardView
-from slkit.geometry import Floats, homogeneous
+from slkit.geometry import homogeneous, transformed
 from slkit.simulation.scene import bent_mm
 from slkit.simulation.session import CODED, MARKS, PRINTED, PROJECTED, Session, Shot
 from slkit.simulation.surface import Doubles
@@ -47,7 +47,7 @@ def _printed_view(session: Session, shot: Shot, rng: np.random.Generator, noise_
 def _coded_view(session: Session, shot: Shot, rng: np.random.Generator, noise_px: float) -> BoardView:
     camera_xy = _noisy(_seen(session, shot), rng, noise_px)
     panel_xy = shot.rig.to_projector(_points(session, shot))
-    projector_xy = _noisy(_mapped(np.linalg.inv(_warp(session)), panel_xy), rng, noise_px)
+    projector_xy = _noisy(transformed(np.linalg.inv(_warp(session)), panel_xy), rng, noise_px)
     told = told_targets(session)["printed"].points()
     sigma = np.full_like(camera_xy, noise_px)
     return BoardView(shot.name, shot.rig.camera.size, told, camera_xy, projector_xy, sigma)
@@ -83,7 +83,7 @@ def _seen(session: Session, shot: Shot) -> Doubles:
 
 def _lit_points(session: Session, shot: Shot, projector_xy: Doubles) -> Doubles:
     """Return where the light of projector pixels (n, 2) meets the board, (n, 3) mm in the camera frame."""
-    panel_xy = _mapped(_warp(session), projector_xy)
+    panel_xy = transformed(_warp(session), projector_xy)
     board_from_projector = (shot.rig.projector_from_camera @ shot.pose).inverse()
     rays = homogeneous(shot.rig.projector.normalize(panel_xy)) @ board_from_projector.rotation.T
     origin, extent = board_from_projector.translation, session.target(shot).extent()
@@ -96,11 +96,6 @@ def _lit_points(session: Session, shot: Shot, projector_xy: Doubles) -> Doubles:
 
 def _warp(session: Session) -> Doubles:
     return np.eye(3) if session.warp is None else session.warp
-
-
-def _mapped(matrix: Floats, xy: Doubles) -> Doubles:
-    x, y, w = (homogeneous(xy) @ matrix.T).T
-    return np.stack([x / w, y / w], axis=-1)
 
 
 def _noisy(xy: Doubles, rng: np.random.Generator, noise_px: float) -> Doubles:
