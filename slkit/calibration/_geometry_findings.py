@@ -81,11 +81,19 @@ def _explained(score: Score, views: Sequence[BoardView], model: Model, rig: Rig)
 
 
 def _rejected(found: Adjusted, views: Sequence[BoardView], score: Score) -> Iterator[Finding]:
-    """Name views that were rejected because their projected corners and their marks do not go together."""
+    """Name views that were rejected because what light shows on the board and what is printed do not go together."""
     for index, reason in found.rejected.items():
         own = [p.name for p in found.problem.parts if (p.view == index).any()]
-        if "projected" in own and min(score.by_chance(index, name) for name in own) < _ODD:
+        if min(score.by_chance(index, name) for name in own) > _ODD:
+            continue
+        if "projected" in own:
             yield _moved(views[index].name, reason)
+        elif "decoded" in own:
+            fault = (
+                f"its codes and its printed corners do not go together, a frame is not the one it should be: {reason}"
+            )
+            remedy = "wait longer after a change of the pattern, hold the board still, and take this pose again"
+            yield Finding(fault, views[index].name, remedy, "stale-frame")
 
 
 def _moved(view: str, evidence: str) -> Finding:

@@ -19,6 +19,8 @@ from slkit.data import BoardView
 from slkit.geometry import homogeneous, normalize_with_derivatives, project_with_derivatives
 
 Ints = npt.NDArray[np.intp]
+Masks = dict[str, npt.NDArray[np.bool_]]
+"""By class which of its rows (n,) are meant."""
 CLASSES = ("printed", "marks", "projected", "decoded")
 
 

@@ -18,9 +18,14 @@ from slkit.calibration.model import Lens, Model
 from slkit.calibration.surfaces import PointSet, Sheet, Surface
 from slkit.calibration.verdict import verdict_of
 from slkit.data import BoardView, Calibration, Finding, ViewResult
+from slkit.errors import CalibrationError
 from slkit.geometry import Pinhole, Pose, Rig, homogeneous
 
 _FEWEST_POINTS = 4
+_GROSS_PX = 3.0
+_SPOILT = 0.2
+"""A projector that misses its points by more than _GROSS_PX, and without one of the views by this share of it only, is
+located without that view: a start that one view has spoilt may be too far off for the adjustment to reject it."""
 ENOUGH_VIEWS = 5
 """With fewer views of a flat board that locate the projector no calibration is called good."""
 
@@ -50,7 +55,7 @@ def estimate(
     given = list(surfaces or [None] * (max(shown) + 1))
     points = [points_of(camera, p, v, given[b])[v.projected] for p, v, b in zip(poses, used, shown, strict=True)]
     pixels = [v.projector_xy[v.projected] for v in used]
-    start = solve.solve_projector(np.concatenate(points), np.concatenate(pixels), projector, lens=model.projector)
+    start = _start(points, pixels, projector, model.projector)
     rough = Rig(camera, start.projector, start.projector_from_camera)
     arguments = (rough, poses, used, model, shown, given)
     found = adjust(*arguments) if model.refine else in_sequence(*arguments)
@@ -58,6 +63,30 @@ def estimate(
     plain = found if whole and found.weights else adjust(*arguments[:3], replace(model, loss="squares"), shown, given)
     findings = geometry_findings(found, plain, used, sides, model)
     return assembled(method, views, used, found, model, findings, enough_views)
+
+
+def _start(points: Sequence[Array], pixels: Sequence[Array], size: tuple[int, int], lens: Lens) -> solve.ProjectorFit:
+    """Return the projector that all views locate, or, where one of them alone spoils it, the one of the others."""
+    lit = [i for i, p in enumerate(points) if len(p)]
+
+    def fit(chosen: Sequence[int]) -> solve.ProjectorFit | CalibrationError:
+        try:
+            there, seen = (np.concatenate([part[i] for i in chosen]) for part in (points, pixels))
+            return solve.solve_projector(there, seen, size, lens=lens)
+        except CalibrationError as error:
+            return error
+
+    found, misfit = fit(lit), np.inf
+    if isinstance(found, solve.ProjectorFit):
+        misfit = found.rms
+    if misfit > _GROSS_PX and len(lit) > ENOUGH_VIEWS:
+        others = [other for i in lit if isinstance(other := fit([j for j in lit if j != i]), solve.ProjectorFit)]
+        best = min(others, key=lambda other: other.rms, default=None)
+        if best is not None and best.rms < _SPOILT * misfit:
+            return best
+    if isinstance(found, CalibrationError):
+        raise found
+    return found
 
 
 def points_of(camera: Pinhole, pose: Pose, view: BoardView, surface: Surface | None = None) -> Array:
