@@ -51,7 +51,12 @@ class Scanner(Protocol):
 
 @runtime_checkable
 class Calibrator(Protocol):
-    """A way from captures of boards to a rig; registered as `slkit.calibrators`."""
+    """A way from captures of boards to a rig; registered as `slkit.calibrators`.
+
+    Attributes that a calibrator may have, and slkit then uses: `model`, a `slkit.calibration.model.Model`, is what
+    `--select` compares and what left-out views are judged with; `fewest_views`, how many of each kind of picture it
+    needs (default 3); `printed`, `marks` and `projected`, the targets in its pictures, tell which mistakes to look for.
+    """
 
     def observe(self, captures: Sequence[Capture]) -> Sequence[BoardView]:
         """Return one view a capture; a capture that cannot be used becomes a view that says why."""

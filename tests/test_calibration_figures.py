@@ -10,7 +10,8 @@ import pytest
 
 from slkit import pipeline
 from slkit.calibration.bundle import adjust
-from slkit.calibration.diagnose import jointly, left_out, predicted, repeating
+from slkit.calibration.diagnose import repeating
+from slkit.calibration.left_out import jointly, left_out, predicted
 from slkit.calibration.model import Lens, Model
 from slkit.calibration.select import select_distortion
 from slkit.calibration.solve import calibrate_camera, solve_projector

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from slkit.calibration._parameters import Array, rms
-from slkit.calibration.diagnose import Solver, left_out
+from slkit.calibration.left_out import Solver, left_out
 from slkit.calibration.model import Model
 from slkit.data import Calibration
 from slkit.errors import CalibrationError

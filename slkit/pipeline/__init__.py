@@ -4,16 +4,10 @@ None of them prints. `progress`, where a function takes it, is told what is bein
 many there are.
 """
 
-from slkit.pipeline._boards import BOARDS, PAGES, write_board
-from slkit.pipeline._calibrating import (
-    CalibrationTask,
-    calibrate,
-    calibrate_captures,
-    decode_capture,
-    load_calibration,
-    provenance,
-    solve_views,
-)
+from slkit.pipeline._boards import PAGES, write_board
+from slkit.pipeline._calibrating import calibrate, calibrate_captures, provenance, solve_views
+from slkit.pipeline._captures import CalibrationTask, decode_capture, load_calibration
+from slkit.pipeline._layouts import BOARDS
 from slkit.pipeline._patterns import load_codec, patterns, projected_charuco, projected_checkerboard, recipe_codec
 from slkit.pipeline._reporting import write_report
 from slkit.pipeline._scanning import ScanResult, bounds, exporter, make_filters, scan, view, write_cloud

@@ -29,7 +29,8 @@ def diagnose(calibration: Calibration, calibrator: Calibrator, progress: Progres
 
     What cannot be had from so few views, or from a calibrator of another make, is left empty.
     """
-    from slkit.calibration.diagnose import board_depths, diagnosed, left_out, solver_of, with_left_out
+    from slkit.calibration.diagnose import board_depths, diagnosed, with_left_out
+    from slkit.calibration.left_out import left_out, solver_of
     from slkit.calibration.model import Model
     from slkit.calibration.verdict import judged
 
@@ -110,7 +111,7 @@ def _uncertainty(calibration: Calibration, depths: tuple[float, ...]) -> VolumeM
 
 
 def _halves_apart(calibration: Calibration, calibrator: Calibrator, depths: tuple[float, ...]) -> VolumeMap | None:
-    from slkit.calibration.diagnose import halves
+    from slkit.calibration.left_out import halves
     from slkit.report.measure import volume_difference
     from slkit.triangulation import ray_plane
 

@@ -9,10 +9,10 @@ from slkit.calibration._exposure import exposure_findings, look_at, noise_of
 from slkit.calibration._numbers import cell_ratio, continues, corners_finding, count_corners, marks_finding
 from slkit.calibration._observe import observe_printed
 from slkit.calibration._panel import panel_finding, panel_size
-from slkit.calibration._pictures import common_size, orientation_findings, picture_findings
 from slkit.calibration._ripple import Flatness, code_findings, flatness, ripple
 from slkit.calibration.detect import to_8bit
 from slkit.calibration.marks import find_marks
+from slkit.calibration.pictures import common_size, orientation_findings, picture_findings
 from slkit.data import BoardView, Capture, Correspondences
 from slkit.files import read_image, read_rig
 from slkit.targets import Checkerboard, CornerMarks
