@@ -81,7 +81,7 @@ def check_names(found: dict[str, Any]) -> None:
     """Codecs, their parameters and scenes of a command must exist."""
     codecs = found.get("codec") or ()
     for codec in [codecs] if isinstance(codecs, str) else codecs:
-        if codec in ("CODEC", "NAME", "checkerboard") or codec.endswith(".toml"):
+        if codec in ("CODEC", "NAME", "checkerboard", "charuco") or codec.endswith(".toml"):
             continue
         size = parse_size(found["projector"], "--projector") if found.get("projector") else (1024, 768)
         settings = parse_settings(found.get("settings"))

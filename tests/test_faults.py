@@ -1,6 +1,7 @@
 """Every mistake of docs/faults.md, one seed of each, is named; a clean calibration raises no alarm."""
 
 import importlib.util
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 from slkit import pipeline
 from slkit.data.faults import FAULT_CODES
 from slkit.errors import CalibrationError
-from slkit.simulation import FAULTS
+from slkit.simulation import FAULTS, with_fault
 
 PAGE = Path(__file__).parent.parent / "docs" / "faults.md"
 SEED = 2
@@ -92,3 +93,33 @@ def test_a_faulty_folder_is_written_and_read(tmp_path: Path, bench):
     pipeline.simulate_calibration(tmp_path, rig, 3, seed=1, fault="swapped-pictures", strength="strong")
     with pytest.raises(CalibrationError, match="are exchanged"):
         pipeline.calibrate(tmp_path)
+
+
+@pytest.mark.parametrize("number", [0, 2])
+def test_a_mark_misplaced_in_the_description_is_named_by_its_place(bench, number: int):
+    views = bench("planar", False)
+    places = views.clean.marks.points()
+    places[number] += (10.0, -4.0)
+    x, y = places[number]
+    typed = replace(views.clean, told={"marks": {"xy_mm": tuple((float(x), float(y)) for x, y in places)}})
+    (finding,) = (f for f in views.calibrate(typed).verdict.reasons if f.code)
+    assert finding.code == "wrong-marks"
+    assert finding.fault.startswith(f"the mark at ({x:g}, {y:g}) mm seems 1")
+
+
+@pytest.mark.parametrize("strength", ["mild", "strong"])
+@pytest.mark.parametrize("method", ["planar", "coded"])
+def test_keystone_alone_is_named_first_and_drags_nothing_along(bench, method: str, strength: str):
+    views = bench(method, False)
+    keystone = with_fault(views.clean, "keystone", strength, np.random.default_rng(0))
+    first, *others = views.calibrate(keystone).verdict.reasons
+    assert first.code == "keystone" and "skewed by" in first.fault
+    assert [f.code for f in others if f.code] == []
+
+
+def test_a_pattern_in_one_corner_of_the_projector_s_image_is_told_of_the_projector(bench):
+    views = bench("planar", False)
+    small = replace(views.clean, projected=replace(views.clean.projected, step_px=20.0))
+    (finding,) = views.calibrate(small).verdict.reasons
+    assert finding.code == "one-corner" and "of the projector's image" in finding.fault
+    assert "larger pattern" in finding.remedy

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import scipy.stats
 
+from slkit.calibration._hypotheses import Score
 from slkit.calibration._residuals import block, len_shared, split
 from slkit.calibration._state import State
 from slkit.calibration.bundle import adjust
@@ -259,3 +260,34 @@ def test_too_few_rows_leave_no_covariance_but_do_not_fail():
     found = adjust(rig, poses_of(rig, views), views, Model())
     assert np.isfinite(found.covariance).all()
     assert (np.diag(found.covariance) > 0).all()
+
+
+def chances(views: list[BoardView]) -> list[dict[str, float]]:
+    """Return per view of `planar_views` and class how likely noise makes its residuals so large."""
+    boards = [int(v.projected.any()) for v in views]
+    poses = poses_of(synthetic.paper_rig(), views)
+    score = Score(adjust(synthetic.paper_rig(), poses, views, Model(loss="squares"), boards))
+    own = (("printed",), ("marks", "projected"))
+    return [{name: score.by_chance(i, name) for name in own[board]} for i, board in enumerate(boards)]
+
+
+def test_residuals_of_noise_are_likely_in_every_view():
+    found: dict[str, list[float]] = {"printed": [], "marks": [], "projected": []}
+    for seed in range(6):
+        for of_view in chances(planar_views(synthetic.paper_rig(), seed, 0.1)):
+            for name, chance in of_view.items():
+                found[name].append(chance)
+    for name, values in found.items():
+        assert np.mean(np.array(values) > 1e-3) > 0.99, name
+        spread = np.quantile(values, [0.1, 0.5, 0.9])
+        assert (np.abs(spread - [0.1, 0.5, 0.9]) < 0.15).all(), (name, spread)
+
+
+@pytest.mark.parametrize(("view", "name"), [(3, "printed"), (15, "projected")])
+def test_a_view_of_five_times_the_noise_is_no_chance(view: int, name: str):
+    for seed in range(2):
+        views = planar_views(synthetic.paper_rig(), seed, 0.1)
+        views[view] = planar_views(synthetic.paper_rig(), seed, 0.5)[view]
+        found = chances(views)
+        assert found[view][name] < 1e-6
+        assert all(of_view.get(name, 1) > 1e-3 for i, of_view in enumerate(found) if i != view)

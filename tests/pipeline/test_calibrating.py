@@ -10,7 +10,7 @@ import pytest
 from slkit import pipeline, registry
 from slkit.data import BoardView, Calibration, Capture, Verdict, ViewResult
 from slkit.errors import CalibrationError, FileError, InputError, PluginError
-from slkit.files import read_rig, write_png, write_rig
+from slkit.files import read_image, read_rig, write_png, write_rig
 from slkit.simulation import Optics, paper_rig
 from slkit.targets import Checkerboard
 
@@ -166,6 +166,19 @@ def test_a_pose_with_a_frame_too_few_is_dropped_and_named(coded: Path, tmp_path:
         sorted((folder / pose).glob("*.png"))[0].unlink()
     with pytest.raises(CalibrationError, match="1 of 4 coded views can be used.*pose1: .*pose2: .*pose3: "):
         pipeline.calibrate(folder)
+
+
+def test_what_the_pictures_told_is_kept_when_the_lens_model_is_selected(coded: Path, tmp_path: Path):
+    folder = shutil.copytree(coded, tmp_path / "calib")
+    for file in (folder / "pose1").glob("*.png"):
+        write_png(file, np.clip(3.0 * read_image(file), 0, 255).astype(np.uint8))
+    told, notes = {}, {}
+    for select in (False, True):
+        calibration = pipeline.calibrate(folder, select=select)
+        told[select] = [(f.code, f.view) for f in calibration.verdict.reasons if f.code]
+        notes[select] = [n for n in calibration.notes if "distortion is" in n]
+    assert told[True] == told[False] and ("saturated", "pose1") in told[True]
+    assert len(notes[True]) == 2 and not notes[False]
 
 
 def test_real_planar_capture():
