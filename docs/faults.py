@@ -36,7 +36,7 @@ from slkit.simulation import (
     with_fault,
 )
 
-FIRST = 60
+FIRST = 80
 SEEDS = 10
 CLEAN = 20
 POSES = {False: 10, True: 6}

@@ -47,7 +47,7 @@ def geometry_findings(
     rejected with the rows. boards: how to call each board in a sentence; model: what was estimated.
     """
     score = Score(plain)
-    told = _explained(score, views, model, plain.state.rig)
+    told = _explained(score, views, model, plain.state.rig, _share_of_rejected(found, plain))
     share = told[0].share if told else 0.0
     findings = [finding for e in told for finding in _told(e, views, boards, plain.state.rig)]
     if share < _WHOLE:
@@ -63,11 +63,25 @@ def geometry_findings(
     return findings + list(coverage_findings(state.rig, views, state.poses))
 
 
-def _explained(score: Score, views: Sequence[BoardView], model: Model, rig: Rig) -> list[Explanation]:
-    """Return the best explanation of the misfit, and those that hold beside it."""
+def _share_of_rejected(found: Adjusted, plain: Adjusted) -> float:
+    """Return which share of the misfit goes away with the views that were rejected."""
+    views = list(found.rejected)
+    before, after = (a.problem.blocks(a.state) for a in (plain, found))
+    kept = {p.name: ~np.isin(p.view, views) for p in found.problem.parts}
+    whole = np.concatenate([plain.weights[n] * before[n].error ** 2 for n in kept])
+    rest = np.concatenate([(plain.weights[n] * after[n].error ** 2)[rows] for n, rows in kept.items()])
+    return 1 - float(rest.mean() / whole.mean()) if views else 0.0
+
+
+def _explained(score: Score, views: Sequence[BoardView], model: Model, rig: Rig, rejected: float) -> list[Explanation]:
+    """Return the best explanation of the misfit, and those that hold beside it.
+
+    rejected: share of the misfit that is explained by views that do not belong to the others.
+    """
 
     def credible(found: Iterable[Explanation]) -> list[Explanation]:
-        return [e for e in found if e.chance < CHANCE and _matters(e, score, rig)]
+        likely = (e for e in found if e.chance < CHANCE and e.share > _NEARLY * rejected)
+        return [e for e in likely if _matters(e, score, rig)]
 
     first = credible(score.with_skew(e, model) if e.code == "keystone" else e for e in score.explanations(views))
     top = max((e.share for e in first), default=0.0)

@@ -26,8 +26,9 @@ _LEAST_AGREEING = 0.75
 _LEAST_READ = 0.45
 """Least share of decoded pixels that agree with their neighbours, and of pixels that are decoded at all, the latter as
 a share of what is usual: black squares are often too dark to be read."""
-
-
+_NOTHING, _MOST_SILENT = 0.2, 0.15
+"""Where a wrong frame gives codes that are not the projector's, parts of the board seem to be unlit: corners with a
+smaller share of decoded pixels around them than the best one of their view has."""
 _AGAIN = "wait longer after a change of the pattern, and take this pose again"
 
 
@@ -36,7 +37,8 @@ class Flatness:
     """How decoded light departs from a smooth map around the corners of a flat board.
 
     projector_xy, residual_xy, sigma (m, 2) px: of the pixels that agree; read: share of the pixels that were decoded;
-    agreeing: share of those that agree with their neighbours.
+    agreeing: share of those that agree with their neighbours; silent: share of the lit corners around which next to
+    nothing is decoded.
     """
 
     view: str
@@ -45,10 +47,16 @@ class Flatness:
     sigma: Floats
     read: float
     agreeing: float
+    silent: float = 0.0
 
 
-def flatness(view: str, corners: Floats, half_px: float, found: Correspondences) -> Flatness:
-    """Return what the pixels within half_px of corners (n, 2) px say, against a quadratic map around each corner."""
+def flatness(
+    view: str, corners: Floats, half_px: float, found: Correspondences, lit: npt.NDArray[np.bool_] | None = None
+) -> Flatness:
+    """Return what the pixels within half_px of corners (n, 2) px say, against a quadratic map around each corner.
+
+    lit (n,): the corners that the projector's image reaches, None where it is not known.
+    """
     camera_xy, projector_xy = found.camera_xy.astype(np.float64), found.projector_xy.astype(np.float64)
     coded = np.isfinite(projector_xy).all(axis=1)
     camera_xy, projector_xy, sigma = camera_xy[coded], projector_xy[coded], found.sigma[coded].astype(np.float64)
@@ -56,18 +64,20 @@ def flatness(view: str, corners: Floats, half_px: float, found: Correspondences)
     camera_xy, projector_xy, sigma = camera_xy[order], projector_xy[order], sigma[order]
     empty = np.empty((0, 2))
     parts: list[tuple[Floats, Floats, Floats]] = [(empty, empty, empty)]
-    pixels, coded_pixels = 0.0, 0
-    for corner in corners[:: max(len(corners) // _CORNERS, 1)]:
+    chosen = slice(None, None, max(len(corners) // _CORNERS, 1))
+    counts: list[int] = []
+    for corner in corners[chosen]:
         first, last = np.searchsorted(camera_xy[:, 1], [corner[1] - half_px, corner[1] + half_px])
         near = first + np.flatnonzero(np.abs(camera_xy[first:last, 0] - corner[0]) <= half_px)
-        pixels += (2 * half_px) ** 2
-        coded_pixels += len(near)
+        counts.append(len(near))
         if len(near) >= _FEWEST_AROUND:
             residual, agreeing = _departure(camera_xy[near] - corner, projector_xy[near], sigma[near])
             parts.append((projector_xy[near][agreeing], residual[agreeing], sigma[near][agreeing]))
     place, residual, spread = (np.concatenate(column) for column in zip(*parts, strict=True))
-    read, agreeing = coded_pixels / max(pixels, 1.0), len(place) / max(coded_pixels, 1)
-    return Flatness(view, place, residual, spread, read, agreeing)
+    read, agreeing = float(np.mean(counts)) / (2 * half_px) ** 2, len(place) / max(sum(counts), 1)
+    there = np.array(counts)[np.zeros(len(counts), dtype=bool) if lit is None else lit[chosen]]
+    silent = float((there < _NOTHING * max(counts)).sum() / max(len(there), 1))
+    return Flatness(view, place, residual, spread, read, agreeing, silent)
 
 
 def _departure(camera_xy: Floats, projector_xy: Floats, sigma: Floats) -> tuple[Floats, npt.NDArray[np.bool_]]:
@@ -135,13 +145,20 @@ def code_findings(maps: Sequence[Flatness]) -> list[Finding]:
     for flat in maps:
         if flat.agreeing < _LEAST_AGREEING:
             share = f"{100 * (1 - flat.agreeing):.0f} % of the decoded pixels contradict their neighbours"
-            found.append(Finding(f"{share}: a frame is not the one it should be", flat.view, _AGAIN, "stale-frame"))
+            found.append(_wrong_frame(flat, share))
+        elif flat.silent > _MOST_SILENT:
+            share = f"around {100 * flat.silent:.0f} % of the corners that are lit there is no code"
+            found.append(_wrong_frame(flat, share))
         elif flat.read < _LEAST_READ * usual:
             share = (
                 f"{100 * flat.read:.0f} % of the pixels on the board are decoded, {100 * usual:.0f} % in other views"
             )
-            found.append(Finding(f"{share}: a frame is not the one it should be", flat.view, _AGAIN, "stale-frame"))
+            found.append(_wrong_frame(flat, share))
     return found
+
+
+def _wrong_frame(flat: Flatness, evidence: str) -> Finding:
+    return Finding(f"{evidence}: a frame is not the one it should be", flat.view, _AGAIN, "stale-frame")
 
 
 def undecoded(view: str) -> Finding:

@@ -10,18 +10,19 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from slkit.calibration._exchanged import compare, exchange_findings, motion_finding
 from slkit.calibration._exposure import Look, exposure_findings, look_at, spacing
 from slkit.calibration._numbers import cell_ratio, continues, corners_finding, count_corners, marks_finding
 from slkit.calibration._panel import panel_finding, panel_size
 from slkit.calibration._ripple import Flatness, code_findings, flatness, undecoded
-from slkit.calibration.detect import find_checkerboard, picture_size, to_8bit, usual_size, wrong_size
+from slkit.calibration.detect import find_checkerboard, homography, picture_size, to_8bit, usual_size, wrong_size
 from slkit.calibration.marks import find_marks
 from slkit.calibration.projected import find_projected
 from slkit.calibration.solve import MIRRORED
 from slkit.data import BoardView, Capture, Finding, Image
-from slkit.geometry import Floats, Pinhole
+from slkit.geometry import Floats, Pinhole, transformed
 from slkit.targets import Checkerboard, CornerMarks, Printable, ProjectedCheckerboard
 
 _ROLES = ("printed", "marks", "projected", "lit")
@@ -29,6 +30,8 @@ _ASKED = 2
 _CELLS = (0.85, 1.18, 0.5, 2.0, 0.4, 2.5, 0.67, 1.5)
 _UPRIGHT_DEG = 45.0
 _FEWEST = 6
+_REACHED = 0.47
+"""Half of the projector's image, as a share of its size; the outermost is dim and blurred."""
 
 
 def picture_findings(captures: Sequence[Capture], views: Sequence[BoardView], calibrator: Any) -> tuple[Finding, ...]:
@@ -47,7 +50,7 @@ def picture_findings(captures: Sequence[Capture], views: Sequence[BoardView], ca
     explained = {f.view for f in (*found, *light)}
     found += _wrong_numbers([c for c in fitting if c.name not in explained], by_name, calibrator)
     clear = [c for c in fitting if c.name not in {f.view for f in light}]
-    found += light + _coded(clear, by_name, getattr(calibrator, "printed", None))
+    found += light + _coded(clear, by_name, calibrator)
     found += orientation_findings(list(by_name.values()))
     # A view with two pictures may show one mistake in both.
     return tuple({(f.code, f.view): f for f in reversed(found)}.values())[::-1]
@@ -93,7 +96,11 @@ def common_size(captures: Sequence[Capture]) -> tuple[tuple[int, int], list[Find
 
 
 def orientation_findings(views: Sequence[BoardView]) -> list[Finding]:
-    """Return that the projected image is mirrored, or turned against the camera's, as most views say."""
+    """Return that the projected image is mirrored, or turned against the camera's, as most views say.
+
+    And the views in which it stands on its head for the others: those pictures were turned.
+    """
+    names: list[str] = []
     angles: list[float] = []
     mirrored = 0
     for view in views:
@@ -101,19 +108,33 @@ def orientation_findings(views: Sequence[BoardView]) -> list[Finding]:
         if lit.sum() < 6:
             continue
         matrix = _affine(view.camera_xy[lit], view.projector_xy[lit])
-        mirrored += bool(np.linalg.det(matrix) < 0)
+        if np.linalg.det(matrix) < 0:
+            mirrored += 1
+            continue
+        names.append(view.name)
         angles.append(float(np.degrees(np.arctan2(matrix[1, 0] - matrix[0, 1], matrix[0, 0] + matrix[1, 1]))))
-    if mirrored > len(angles) / 2:
+    if mirrored > len(angles):
         return [MIRRORED]
-    turn = 90 * round(float(np.median(np.abs(angles))) / 90) if angles else 0
-    if not turn or np.median(np.abs(angles)) < _UPRIGHT_DEG:
+    if not angles:
         return []
+    alike = np.cos(np.radians(np.subtract.outer(angles, angles))) > 0
+    usual = alike[alike.sum(axis=1).argmax()]
+    found = [_on_its_head(name) for name, same in zip(names, usual, strict=True) if not same]
+    middle = float(np.median(np.abs(np.array(angles)[usual])))
+    turn = 90 * round(middle / 90)
+    if not turn or middle < _UPRIGHT_DEG:
+        return found
     fault = f"the projected image is turned by {turn} degrees against the camera's"
     remedy = (
         "this does no harm while projector, desktop and camera stay as they are; "
         "if you did not mean it, switch off the projector's setting for the ceiling"
     )
-    return [Finding(fault, "", remedy, "turned")]
+    return [*found, Finding(fault, "", remedy, "turned")]
+
+
+def _on_its_head(view: str) -> Finding:
+    remedy = "turn it back, or copy it again with a program that leaves pictures as they are"
+    return Finding("its picture is turned against the others", view, remedy, "exif-rotated")
 
 
 def _affine(start: Floats, end: Floats) -> Floats:
@@ -213,8 +234,9 @@ def _ratios(whites: Sequence[tuple[BoardView, Image]], marks: CornerMarks) -> li
     return found
 
 
-def _coded(captures: Sequence[Capture], views: Mapping[str, BoardView], printed: Any) -> list[Finding]:
+def _coded(captures: Sequence[Capture], views: Mapping[str, BoardView], calibrator: Any) -> list[Finding]:
     """Return what decoded light tells; a view in which too little was decoded is looked at as well."""
+    printed, projector = (getattr(calibrator, name, None) for name in ("printed", "projector"))
     maps: list[Flatness] = []
     found: list[Finding] = []
     for capture in captures:
@@ -228,5 +250,13 @@ def _coded(captures: Sequence[Capture], views: Mapping[str, BoardView], printed:
         if capture.correspondences is None:
             found.append(undecoded(view.name))
         elif len(corners) >= _FEWEST:
-            maps.append(flatness(view.name, corners, 0.45 * spacing(corners), capture.correspondences))
+            lit = _reached(view, projector) if view.projected.sum() >= _FEWEST and projector is not None else None
+            maps.append(flatness(view.name, corners, 0.45 * spacing(corners), capture.correspondences, lit))
     return code_findings(maps) + found
+
+
+def _reached(view: BoardView, projector: tuple[int, int]) -> npt.NDArray[np.bool_]:
+    """Return which printed corners (n,) the projector's image reaches, by those whose code is known."""
+    lit, size = view.projected, np.array(projector)
+    xy = transformed(homography(view.camera_xy[lit], view.projector_xy[lit]), view.camera_xy[view.printed])
+    return np.asarray((np.abs(xy - (size - 1) / 2) < _REACHED * size).all(axis=1))

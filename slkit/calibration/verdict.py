@@ -12,9 +12,8 @@ _GRADES = ("bad", "usable", "good")
 _GOOD_PX, _USABLE_PX = 0.5, 1.5
 _SPOILT = {"zoomed", "wrong-marks", "wrong-corners", "mirrored", "swapped-pictures"}
 """Mistakes after which the rig is not the one that will scan."""
-_OF_A_VIEW = {"moved-board", "stale-frame"}
+_OF_A_VIEW = {"moved-board", "stale-frame", "exif-rotated", "other-size"}
 """Mistakes that spoil the view that they befell, and the rig with it where that view was used."""
-_HARMLESS = {"exif-rotated", "other-size", "turned"}
 _MANY = 3
 """A rig of which one view in so many is spoilt is bad."""
 
@@ -50,7 +49,13 @@ def verdict_of(
 def judged(calibration: Calibration, findings: Sequence[Finding]) -> Verdict:
     """Return the verdict of a calibration when more is found, such as the mistakes that its pictures show."""
     known = {(f.code, f.view) for f in findings if f.code}
-    own = [f for f in calibration.verdict.reasons if not f.code or (f.code, f.view) not in known]
+    named = {f.view for f in findings if f.code and f.view}
+    # Residuals tell that something is wrong with a view; what its pictures tell says what.
+    own = [
+        f
+        for f in calibration.verdict.reasons
+        if not f.code or not ((f.code, f.view) in known or (f.code in _OF_A_VIEW and f.view in named))
+    ]
     return _graded([*findings, *own], calibration.views)
 
 
@@ -71,7 +76,7 @@ def _limit(finding: Finding, spoilt: set[str], many: bool) -> str:
     """Return the best grade that a calibration with this mistake can have; spoilt: names of views that were used."""
     if finding.code in _SPOILT or (finding.view in spoilt and finding.code in _OF_A_VIEW and many):
         return "bad"
-    harmless = finding.code in _HARMLESS or (finding.code in _OF_A_VIEW and finding.view not in spoilt)
+    harmless = finding.code == "turned" or (finding.code in _OF_A_VIEW and finding.view not in spoilt)
     return "good" if harmless else "usable"
 
 

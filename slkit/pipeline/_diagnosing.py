@@ -19,7 +19,8 @@ _DIFFERS, _FAR = 4.0, 20.0
 """Two halves of the views differ by about twice the uncertainty of the whole: each has half of the points. By how many
 times it a rig that differs is usable only, or bad."""
 _VAGUE, _UNKNOWN = 1e-3, 5e-3
-"""A rig whose points are uncertain by a larger share of their depth is usable only, or bad."""
+"""A rig whose points are uncertain by a larger share of their depth is usable only, or bad; and bad, one whose
+halves differ by as much."""
 _REPEATS, _REPEATS_PX = 0.25, 0.1
 """More than this share of the printed points, off by three sigma in all views alike, tell of an inexact print."""
 
@@ -167,7 +168,8 @@ def _halves_finding(diagnosis: Diagnosis) -> Finding | None:
         f"about {2 * sigma.rms_mm:.2g} mm"
     )
     remedy = "something is not in the model: a bent board, a lens that moved, a print that is not exact"
-    return Finding(fault, "", remedy, limit="bad" if halves.rms_mm > _FAR * sigma.rms_mm else "usable")
+    far = halves.rms_mm > min(_FAR * sigma.rms_mm, _UNKNOWN * float(np.mean(halves.depths_mm)))
+    return Finding(fault, "", remedy, limit="bad" if far else "usable")
 
 
 def _inexact_print(diagnosis: Diagnosis) -> Finding | None:

@@ -1,3 +1,4 @@
+import dataclasses
 from dataclasses import replace
 
 import cv2
@@ -172,6 +173,18 @@ def decoded(rng: np.random.Generator, wave_px: float = 0.0, wrong: float = 0.0) 
     noise[rng.random(len(noise)) < wrong] += 16
     count = len(camera_xy)
     return Correspondences(camera_xy, exact + noise, np.full((count, 2), 0.05), np.ones(count), np.ones((count, 3)))
+
+
+def test_a_part_of_the_board_that_is_lit_and_has_no_code_is_told():
+    found = decoded(np.random.default_rng(1))
+    corners = corners_px()
+    left = corners[:, 0] < np.median(corners[:, 0])
+    known = found.camera_xy[:, 0] > np.median(corners[:, 0])
+    half = Correspondences(*(getattr(found, f.name)[known] for f in dataclasses.fields(Correspondences)))
+    whole = flatness("whole", corners, 9.0, found, np.ones(len(corners), dtype=bool))
+    assert code_findings([whole, flatness("v", corners, 9.0, half, ~left)]) == []
+    told = code_findings([whole, flatness("v", corners, 9.0, half, np.ones(len(corners), dtype=bool))])
+    assert [(f.code, f.view) for f in told] == [("stale-frame", "v")]
 
 
 def test_a_ripple_is_measured_and_blamed(rng: np.random.Generator):
