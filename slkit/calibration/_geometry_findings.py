@@ -7,12 +7,11 @@ from collections.abc import Iterable, Iterator, Sequence
 import numpy as np
 
 from slkit.calibration._hypotheses import CHANCE, Explanation, Score
-from slkit.calibration._parameters import Array
+from slkit.calibration._pose_findings import coverage_findings, pose_findings
 from slkit.calibration.bundle import Adjusted
-from slkit.calibration.diagnose import ONE_DEPTH, seen_points
 from slkit.calibration.model import Model
 from slkit.data import BoardView, Finding
-from slkit.geometry import Pinhole, Pose, Rig, pixel_grid, working_volume
+from slkit.geometry import Rig
 
 _NEARLY = 0.6
 """Explanations that take away this share of what the best one does are as good as it."""
@@ -33,44 +32,52 @@ _BEND = 5e-4
 """Smallest bend that is named, as a share of the board's diagonal."""
 _ZOOM, _ZOOM_PX, _ZOOM_SHARE = 2e-3, 1.0, 0.1
 """A lens that changed by less, or whose change explains less of the misfit, is imitated by inexact prints."""
-_ALIKE_DEG = 8.0
-_COVERS = 0.18
-"""Points whose outline covers a smaller share of an image, or of what both devices see of it, cover one corner."""
 
 
 def geometry_findings(
-    found: Adjusted, plain: Adjusted, views: Sequence[BoardView], boards: Sequence[str], model: Model
+    found: Adjusted,
+    plain: Adjusted,
+    rest: Adjusted,
+    views: Sequence[BoardView],
+    boards: Sequence[str],
+    model: Model,
 ) -> list[Finding]:
     """Return what the numbers tell of mistakes, those that spoil most first.
 
     found: as adjusted; plain: adjusted without rejecting anything, for the explanation of a misfit may have been
-    rejected with the rows. boards: how to call each board in a sentence; model: what was estimated.
+    rejected with the rows; rest: the same without the views that were rejected. boards: how to call each board in a
+    sentence; model: what was estimated.
     """
-    score = Score(plain)
-    told = _explained(score, views, model, plain.state.rig, _share_of_rejected(found, plain))
+    score, rig = Score(plain), plain.state.rig
+    told = _explained(score, views, model, rig, _share_of_rejected(rest, plain))
+    whole = bool(told) and told[0].share > _WHOLE
+    if not told and found.rejected:
+        rig = rest.state.rig
+        told = _explained(Score(rest), views, model, rig, 0.0)
     share = told[0].share if told else 0.0
-    findings = [finding for e in told for finding in _told(e, views, boards, plain.state.rig)]
-    if share < _WHOLE:
+    findings = [finding for e in told for finding in _told(e, views, boards, rig)]
+    if not whole:
         named = {f.view for f in findings if f.code == "moved-board"}
         findings = [*(f for f in _rejected(found, views, score) if f.view not in named), *findings]
     aspect = aspect_finding(found)
     if aspect is not None and share < _WHOLE and "keystone" not in [f.code for f in findings]:
         findings.append(aspect)
     state, board = found.state, found.problem.board
+    used = [i for i in range(len(views)) if i not in found.rejected]
     for number, name in enumerate(boards):
-        mine = [i for i in range(len(views)) if board[i] == number and views[i].face is None]
+        mine = [i for i in used if board[i] == number and views[i].face is None]
         findings += pose_findings(state.rig, [views[i] for i in mine], [state.poses[i] for i in mine], name)
-    return findings + list(coverage_findings(state.rig, views, state.poses))
+    return findings + list(coverage_findings(state.rig, [views[i] for i in used], [state.poses[i] for i in used]))
 
 
-def _share_of_rejected(found: Adjusted, plain: Adjusted) -> float:
+def _share_of_rejected(rest: Adjusted, plain: Adjusted) -> float:
     """Return which share of the misfit goes away with the views that were rejected."""
-    views = list(found.rejected)
-    before, after = (a.problem.blocks(a.state) for a in (plain, found))
-    kept = {p.name: ~np.isin(p.view, views) for p in found.problem.parts}
-    whole = np.concatenate([plain.weights[n] * before[n].error ** 2 for n in kept])
-    rest = np.concatenate([(plain.weights[n] * after[n].error ** 2)[rows] for n, rows in kept.items()])
-    return 1 - float(rest.mean() / whole.mean()) if views else 0.0
+    if rest is plain:
+        return 0.0
+    before, after = (a.problem.blocks(a.state) for a in (plain, rest))
+    whole = np.concatenate([w * before[n].error ** 2 for n, w in plain.weights.items()])
+    left = np.concatenate([(w * after[n].error ** 2)[rest.kept[n]] for n, w in plain.weights.items()])
+    return 1 - float(left.mean() / whole.mean())
 
 
 def _explained(score: Score, views: Sequence[BoardView], model: Model, rig: Rig, rejected: float) -> list[Explanation]:
@@ -206,53 +213,3 @@ def aspect_finding(found: Adjusted) -> Finding | None:
     )
     # A desktop of another shape stretches by several per cent; a little is what keystone correction leaves.
     return Finding(fault, "", remedy, "not-native" if abs(aspect - 1) > _RESAMPLED else "keystone")
-
-
-def pose_findings(rig: Rig, views: Sequence[BoardView], poses: Sequence[Pose], side: str) -> Iterator[Finding]:
-    """Name poses of one side of the board that determine too little: alike, at one depth, in one corner."""
-    if len(views) < 2:
-        return
-    normals = np.array([p.rotation[:, 2] for p in poses])
-    widest = float(np.degrees(np.arccos(np.clip(normals @ normals.T, -1, 1))).max())
-    if widest < _ALIKE_DEG:
-        fault = f"all views of {side} are parallel within {widest:.1f} degrees"
-        yield Finding(fault, "", "tilt the board by 20 to 40 degrees to all sides", "parallel-poses")
-    middles = [float(seen_points(rig, v, p)[:, 2].mean()) for v, p in zip(views, poses, strict=True)]
-    spread = (max(middles) - min(middles)) / float(np.mean(middles))
-    if spread < ONE_DEPTH:
-        fault = f"all views of {side} are at one depth within {100 * spread:.1f} %"
-        yield Finding(fault, "", "move the board nearer and farther, over the depth of what you will scan", "one-depth")
-
-
-def coverage_findings(rig: Rig, views: Sequence[BoardView], poses: Sequence[Pose]) -> Iterator[Finding]:
-    """Name points that cover one corner of a device's image only, of what the other device lets them cover."""
-    lit = [i for i, v in enumerate(views) if v.projected.any()]
-    boards = np.array([seen_points(rig, views[i], poses[i]).mean(axis=0) for i in lit])
-    exchanged = Rig(rig.projector, rig.camera, rig.projector_from_camera.inverse())
-    camera_xy = np.concatenate([v.camera_xy for v in views])
-    projector_xy = np.concatenate([views[i].projector_xy[views[i].projected] for i in lit])
-    # A printed board can be anywhere in the camera's image; one that light must fall on cannot.
-    free = len(lit) < len(views)
-    shared = 1.0 if free else _shared(rig, boards[:, 2])
-    yield from _one_corner(camera_xy, rig.camera, shared, "camera", "take views that fill the image, its corners too")
-    shared = _shared(exchanged, rig.projector_from_camera.apply(boards)[:, 2])
-    remedy = "use a larger pattern, or take views in which the board catches light from all of the image"
-    yield from _one_corner(projector_xy, rig.projector, shared, "projector", remedy)
-
-
-def _one_corner(xy: Array, device: Pinhole, possible: float, name: str, remedy: str) -> Iterator[Finding]:
-    from scipy.spatial import ConvexHull, QhullError
-
-    try:
-        share = float(ConvexHull(xy).volume) / (device.size[0] * device.size[1])
-    except (QhullError, ValueError):
-        return
-    if share < _COVERS * possible:
-        usable = "" if possible == 1 else f"; board and both devices would let them cover {100 * possible:.0f} %"
-        yield Finding(f"the points cover {100 * share:.0f} % of the {name}'s image{usable}", "", remedy, "one-corner")
-
-
-def _shared(rig: Rig, depths: Array) -> float:
-    """Return the share of the camera's image in which it sees, at one of some depths in mm, what is lit."""
-    xyz, _ = working_volume(rig, pixel_grid(rig.camera.size), depths)
-    return float(np.isfinite(xyz[..., 0]).any(axis=0).mean())

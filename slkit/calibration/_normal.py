@@ -13,6 +13,7 @@ from slkit.calibration._residuals import Block, Part, block
 from slkit.calibration._state import LENS, LENSES, MOTION, State, shared_values
 from slkit.calibration.model import Lens, Model
 from slkit.calibration.surfaces import Sheet
+from slkit.errors import CalibrationError
 from slkit.geometry import DISTORTION_NAMES
 
 Ints = npt.NDArray[np.intp]
@@ -170,10 +171,12 @@ def minimize(
 
     blocks: the residuals at the start; weigh: from them to the weights, which then stay; tolerance: of the squares, as
     a share of them, at which it stops. Source: Levenberg and Marquardt, with the damping of each parameter in
-    proportion to its curvature.
+    proportion to its curvature. Errors: CalibrationError where the residuals at the start are not finite.
     """
     weights = weigh(blocks)
     here, damping = cost(problem, blocks, weights, state), 1e-6
+    if not np.isfinite(here):
+        raise CalibrationError("no rig explains the views: look for one whose pose or light is wrong altogether")
     for _ in range(_STEPS):
         matrices, gradient = normal_equations(problem, blocks, weights, state)
         matrix = total(matrices)
@@ -184,13 +187,14 @@ def minimize(
             step = _solve(scaled + damping * np.eye(len(scaled)), -gradient / scale) / scale
             if -float(gradient @ step) < tolerance * here + 1e-18:
                 return state, blocks, matrices
-            moved = _step(problem, state, step)
-            with np.errstate(all="ignore"):
-                tried = problem.blocks(moved)
-            there = cost(problem, tried, weights, moved)
-            if there < here:
-                better = True
-                break
+            if np.isfinite(step).all():
+                moved = _step(problem, state, step)
+                with np.errstate(all="ignore"):
+                    tried = problem.blocks(moved)
+                there = cost(problem, tried, weights, moved)
+                if there < here:
+                    better = True
+                    break
             damping *= 10
         if not better:
             return state, blocks, matrices

@@ -52,8 +52,10 @@ def row_sigma(part: Part, level: float) -> Array:
 
 
 def claimed(part: Part) -> Array:
-    """Return the sigma (n, 2) px that codes claim, the usual one where a code claims nothing."""
-    return np.where(np.isfinite(part.sigma), part.sigma, np.nanmedian(part.sigma, axis=0))
+    """Return the sigma (n, 2) px that codes claim, the usual one where a code claims nothing, 0 where none does."""
+    known = np.isfinite(part.sigma)
+    usual = np.nanmedian(part.sigma, axis=0) if known.any() else 0.0
+    return np.where(known, part.sigma, usual)
 
 
 def levels(

@@ -103,22 +103,31 @@ def _robust(problem: Problem, state: State) -> Adjusted:
     start, first = state, problem.blocks(state)
     blocks: Mapping[str, Block] = first
     level = levels(problem, blocks, kept, dof, robust=True)
-    for round_ in range(_ROUNDS):
-        last = round_ == _ROUNDS - 1
-        state, blocks, matrices = minimize(
-            problem, state, blocks, weigher(problem, level, kept, huber=round_ > 0), _ROUGHLY
-        )
+    rounds, huber = 0, False
+    while rounds < _ROUNDS:
+        weigh = weigher(problem, level, kept, huber)
+        state, blocks, matrices = minimize(problem, state, blocks, weigh, _ROUGHLY)
         dof = shares(problem, matrices, kept)
-        before, level = level, levels(problem, blocks, kept, dof, robust=not last)
-        if round_ == 0 and far_better(problem, before, level):
+        before, level = level, levels(problem, blocks, kept, dof, robust=rounds < _ROUNDS - 1)
+        if not huber and far_better(problem, before, level):
             # Without weights one view whose light is wrong has drawn all the others away from where they were right.
-            state, blocks, level = start, first, before
+            state, blocks, level, huber = start, first, before, True
             continue
-        is_steady = steady(problem, before, level, 0.05)
+        count = len(rejected)
         changed = reject(problem, blocks, level, kept, rejected)
-        if is_steady and not changed and round_ > 0:
+        if huber and not changed and steady(problem, before, level, 0.05):
             break
+        huber = True
+        # Views go one at a time, however many; only rounds that weigh and reject single rows are counted.
+        rounds += len(rejected) == count
     return _finish(problem, state, blocks, kept, rejected, huber=True)
+
+
+def without_rejected(found: Adjusted) -> Adjusted:
+    """Return the solution of least squares of all rows but those of views that were rejected."""
+    views = list(found.rejected)
+    kept = {p.name: ~np.isin(p.view, views) for p in found.problem.parts}
+    return _finish(found.problem, found.state, found.problem.blocks(found.state), kept, {}, huber=False)
 
 
 def _plain(problem: Problem, state: State) -> Adjusted:

@@ -68,14 +68,16 @@ def repeating(used: Sequence[ViewResult]) -> dict[str, tuple[Array, Array, Array
 def seen_points(rig: Rig, view: BoardView, pose: Pose) -> Array:
     """Return points (n, 3) mm in the camera's frame that lie on the board of a view: its printed ones.
 
-    Of a solid, whose sheet is folded, those in which the rays of camera and projector meet. pose: camera_from_target.
+    Of a solid, whose sheet is folded, those in which the rays of camera and projector meet; rays that do not are left
+    out. pose: camera_from_target.
     """
     if view.face is None:
         return pose.apply(flat(view.board_xy[view.printed]))
     seen = homogeneous(rig.camera.normalize(view.camera_xy[view.projected]))
     lit = homogeneous(rig.projector.normalize(view.projector_xy[view.projected]))
     turned = lit @ rig.projector_from_camera.rotation
-    return intersect_rays(np.zeros(3), seen, rig.projector_center, turned)[0]
+    points = intersect_rays(np.zeros(3), seen, rig.projector_center, turned)[0]
+    return points[np.isfinite(points).all(axis=1)]
 
 
 def board_depths(calibration: Calibration) -> tuple[float, ...]:
@@ -84,10 +86,11 @@ def board_depths(calibration: Calibration) -> tuple[float, ...]:
     Of boards at one depth those of their points; where these are at one depth too, this one.
     """
     points = [
-        seen_points(calibration.rig, r.view, r.pose)[:, 2]
+        seen_points(calibration.rig, r.view.select(r.kept), r.pose)[:, 2]
         for r in calibration.views
-        if r.used and r.pose is not None and r.view is not None and r.view.projected.any()
+        if r.used and r.pose is not None and r.view is not None and r.kept is not None and r.view.projected.any()
     ]
+    points = [p for p in points if len(p)]
     if not points:
         return ()
     depths = [float(p.mean()) for p in points]
@@ -120,7 +123,8 @@ def _device(
         if not len(xy):
             continue
         seen.append(xy)
-        depths.append(float(motion.apply(seen_points(calibration.rig, view, pose))[:, 2].mean()))
+        placed = motion.apply(seen_points(calibration.rig, view.select(kept), pose))[:, 2]
+        depths += [float(placed.mean())] if len(placed) else []
         if view.face is None:
             tilts.append(float(np.degrees(np.arccos(np.clip(abs((motion @ pose).rotation[2, 2]), 0, 1)))))
     counts = ninths(np.concatenate([*seen, np.empty((0, 2))]), device.size)

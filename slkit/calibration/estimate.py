@@ -13,7 +13,7 @@ from slkit.calibration._geometry_findings import geometry_findings
 from slkit.calibration._parameters import Array, rms
 from slkit.calibration._residuals import places
 from slkit.calibration._sequence import in_sequence
-from slkit.calibration.bundle import Adjusted, adjust
+from slkit.calibration.bundle import Adjusted, adjust, without_rejected
 from slkit.calibration.model import Lens, Model
 from slkit.calibration.surfaces import PointSet, Sheet, Surface
 from slkit.calibration.verdict import verdict_of
@@ -22,10 +22,9 @@ from slkit.errors import CalibrationError
 from slkit.geometry import Pinhole, Pose, Rig, homogeneous
 
 _FEWEST_POINTS = 4
-_GROSS_PX = 3.0
-_SPOILT = 0.2
-"""A projector that misses its points by more than _GROSS_PX, and without one of the views by this share of it only, is
-located without that view: a start that one view has spoilt may be too far off for the adjustment to reject it."""
+_GROSS_PX, _SPOILT, _FEWEST_LIT = 3.0, 0.2, 3
+"""A projector that misses its points by more than _GROSS_PX starts without one of the views where that takes the misfit
+below this, and to a fifth: else it may start too far off for that view to be rejected."""
 ENOUGH_VIEWS = 5
 """With fewer views of a flat board that locate the projector no calibration is called good."""
 
@@ -61,32 +60,42 @@ def estimate(
     found = adjust(*arguments) if model.refine else in_sequence(*arguments)
     whole = all(mask.all() for mask in found.kept.values())
     plain = found if whole and found.weights else adjust(*arguments[:3], replace(model, loss="squares"), shown, given)
-    findings = geometry_findings(found, plain, used, sides, model)
+    rest = without_rejected(found) if found.rejected else plain
+    findings = geometry_findings(found, plain, rest, used, sides, model)
     return assembled(method, views, used, found, model, findings, enough_views)
 
 
 def _start(points: Sequence[Array], pixels: Sequence[Array], size: tuple[int, int], lens: Lens) -> solve.ProjectorFit:
     """Return the projector that all views locate, or, where one of them alone spoils it, the one of the others."""
     lit = [i for i, p in enumerate(points) if len(p)]
+    if not lit:
+        raise CalibrationError("no view tells where the projector's light falls")
 
-    def fit(chosen: Sequence[int]) -> solve.ProjectorFit | CalibrationError:
+    def fit(chosen: Sequence[int], linear: bool) -> solve.ProjectorFit | CalibrationError:
+        there, seen = (np.concatenate([part[i] for i in chosen]) for part in (points, pixels))
+        known = np.isfinite(np.column_stack([there, seen])).all(axis=1)
         try:
-            there, seen = (np.concatenate([part[i] for i in chosen]) for part in (points, pixels))
-            return solve.solve_projector(there, seen, size, lens=lens)
+            if linear:
+                return solve.linear_projector(there[known], seen[known], size)
+            return solve.solve_projector(there[known], seen[known], size, lens=lens)
         except CalibrationError as error:
             return error
 
-    found, misfit = fit(lit), np.inf
-    if isinstance(found, solve.ProjectorFit):
-        misfit = found.rms
-    if misfit > _GROSS_PX and len(lit) > ENOUGH_VIEWS:
-        others = [other for i in lit if isinstance(other := fit([j for j in lit if j != i]), solve.ProjectorFit)]
-        best = min(others, key=lambda other: other.rms, default=None)
-        if best is not None and best.rms < _SPOILT * misfit:
-            return best
-    if isinstance(found, CalibrationError):
-        raise found
-    return found
+    whole = fit(lit, linear=False)
+    if _misfit(whole) > _GROSS_PX and len(lit) > _FEWEST_LIT:
+        without = [_misfit(fit([j for j in lit if j != i], linear=True)) for i in lit]
+        del lit[int(np.argmin(without))]
+        others = fit(lit, linear=False)
+        if _misfit(others) < min(_SPOILT * _misfit(whole), _GROSS_PX):
+            whole = others
+    if isinstance(whole, CalibrationError):
+        raise whole
+    return whole
+
+
+def _misfit(found: solve.ProjectorFit | CalibrationError) -> float:
+    # Points behind the projector have no pixel.
+    return np.inf if isinstance(found, CalibrationError) or np.isnan(found.rms) else found.rms
 
 
 def points_of(camera: Pinhole, pose: Pose, view: BoardView, surface: Surface | None = None) -> Array:

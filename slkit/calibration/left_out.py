@@ -72,7 +72,7 @@ def solver_of(calibration: Calibration, calibrator: Calibrator, model: Model) ->
     if model.refine and calibration.covariance is not None:
         return jointly(calibration, model)
     known: Any = calibrator
-    own: Calibrator = replace(known, model=model)
+    own: Calibrator = known if known.model == model else replace(known, model=model)
     return lambda chosen: own.solve([_kept(r) for r in chosen]).rig
 
 

@@ -9,15 +9,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
 from slkit.calibration._exchanged import compare, exchange_findings, motion_finding
 from slkit.calibration._exposure import Look, exposure_findings, look_at, spacing
 from slkit.calibration._numbers import cell_ratio, continues, corners_finding, count_corners, marks_finding
+from slkit.calibration._orientation import TURN_BACK, orientation_findings
 from slkit.calibration._panel import panel_finding, panel_size
 from slkit.calibration._ripple import Flatness, code_findings, flatness, undecoded
-from slkit.calibration.detect import find_checkerboard, homography, picture_size, to_8bit, usual_size, wrong_size
+from slkit.calibration.detect import find_checkerboard, grey, homography, picture_size, to_8bit, usual_size, wrong_size
 from slkit.calibration.marks import find_marks
 from slkit.calibration.projected import find_projected
 from slkit.calibration.solve import MIRRORED
@@ -28,17 +30,17 @@ from slkit.targets import Checkerboard, CornerMarks, Printable, ProjectedChecker
 _ROLES = ("printed", "marks", "projected", "lit")
 _ASKED = 2
 _CELLS = (0.85, 1.18, 0.5, 2.0, 0.4, 2.5, 0.67, 1.5)
-_UPRIGHT_DEG = 45.0
 _FEWEST = 6
 _REACHED = 0.47
 """Half of the projector's image, as a share of its size; the outermost is dim and blurred."""
+_ON_A_LINE, _IN_SHADOW = 0.1, 0.5
 
 
 def picture_findings(captures: Sequence[Capture], views: Sequence[BoardView], calibrator: Any) -> tuple[Finding, ...]:
     """Return every mistake that the pictures of a calibration show, each once a view, those that spoil most first.
 
     views: what `calibrator.observe` made of the captures; further views are ignored. calibrator: its fields `printed`,
-    `marks` and `projected`, where it has them, say what should be in the pictures.
+    `marks`, `projected` and `projector`, where it has them, say what should be in the pictures.
     """
     by_name = {view.name: view for view in views}
     seen = [c for c in captures if c.name in by_name]
@@ -87,60 +89,11 @@ def common_size(captures: Sequence[Capture]) -> tuple[tuple[int, int], list[Find
             continue
         sentence = wrong_size(other, size)
         if picture_size(other) == size[::-1]:
-            remedy = "turn it back, or copy it again with a program that leaves pictures as they are"
-            found.append(Finding(f"{sentence}: it is turned by 90 degrees", name, remedy, "exif-rotated"))
+            found.append(Finding(f"{sentence}: it is turned by 90 degrees", name, TURN_BACK, "exif-rotated"))
         else:
             remedy = "use the pictures as the camera wrote them, all at one size"
             found.append(Finding(sentence, name, remedy, "other-size"))
     return size, found
-
-
-def orientation_findings(views: Sequence[BoardView]) -> list[Finding]:
-    """Return that the projected image is mirrored, or turned against the camera's, as most views say.
-
-    And the views in which it stands on its head for the others: those pictures were turned.
-    """
-    names: list[str] = []
-    angles: list[float] = []
-    mirrored = 0
-    for view in views:
-        lit = view.projected
-        if lit.sum() < 6:
-            continue
-        matrix = _affine(view.camera_xy[lit], view.projector_xy[lit])
-        if np.linalg.det(matrix) < 0:
-            mirrored += 1
-            continue
-        names.append(view.name)
-        angles.append(float(np.degrees(np.arctan2(matrix[1, 0] - matrix[0, 1], matrix[0, 0] + matrix[1, 1]))))
-    if mirrored > len(angles):
-        return [MIRRORED]
-    if not angles:
-        return []
-    alike = np.cos(np.radians(np.subtract.outer(angles, angles))) > 0
-    usual = alike[alike.sum(axis=1).argmax()]
-    found = [_on_its_head(name) for name, same in zip(names, usual, strict=True) if not same]
-    middle = float(np.median(np.abs(np.array(angles)[usual])))
-    turn = 90 * round(middle / 90)
-    if not turn or middle < _UPRIGHT_DEG:
-        return found
-    fault = f"the projected image is turned by {turn} degrees against the camera's"
-    remedy = (
-        "this does no harm while projector, desktop and camera stay as they are; "
-        "if you did not mean it, switch off the projector's setting for the ceiling"
-    )
-    return [*found, Finding(fault, "", remedy, "turned")]
-
-
-def _on_its_head(view: str) -> Finding:
-    remedy = "turn it back, or copy it again with a program that leaves pictures as they are"
-    return Finding("its picture is turned against the others", view, remedy, "exif-rotated")
-
-
-def _affine(start: Floats, end: Floats) -> Floats:
-    """Return the linear part (2, 2) of the affine map that fits best."""
-    terms = start - start.mean(axis=0)
-    return np.linalg.lstsq(terms, end - end.mean(axis=0))[0].T
 
 
 def _exchanged(captures: Sequence[Capture], views: Mapping[str, BoardView], marks: Any) -> list[Finding]:
@@ -250,13 +203,23 @@ def _coded(captures: Sequence[Capture], views: Mapping[str, BoardView], calibrat
         if capture.correspondences is None:
             found.append(undecoded(view.name))
         elif len(corners) >= _FEWEST:
-            lit = _reached(view, projector) if view.projected.sum() >= _FEWEST and projector is not None else None
+            lit = None if projector is None else _reached(view, projector, capture.lit)
             maps.append(flatness(view.name, corners, 0.45 * spacing(corners), capture.correspondences, lit))
     return code_findings(maps) + found
 
 
-def _reached(view: BoardView, projector: tuple[int, int]) -> npt.NDArray[np.bool_]:
-    """Return which printed corners (n,) the projector's image reaches, by those whose code is known."""
-    lit, size = view.projected, np.array(projector)
-    xy = transformed(homography(view.camera_xy[lit], view.projector_xy[lit]), view.camera_xy[view.printed])
-    return np.asarray((np.abs(xy - (size - 1) / 2) < _REACHED * size).all(axis=1))
+def _reached(view: BoardView, projector: tuple[int, int], picture: Image) -> npt.NDArray[np.bool_] | None:
+    """Return which printed corners (n,) the projector's light reaches, by those whose code is known; None for few."""
+    lit, printed, size = view.projected, view.printed, np.array(projector)
+    if min(lit.sum(), printed.sum()) < _FEWEST:
+        return None
+    spread = np.linalg.svd(view.camera_xy[lit] - view.camera_xy[lit].mean(axis=0), compute_uv=False)
+    if spread[1] < _ON_A_LINE * spread[0]:
+        return None
+    xy = transformed(homography(view.camera_xy[lit], view.projector_xy[lit]), view.camera_xy[printed])
+    inside = (np.abs(xy - (size - 1) / 2) < _REACHED * size).all(axis=1)
+    # A shadow or a hand is darker than the rest of the board; a wrong frame does not show in the lit picture.
+    levels: Any = cv2.GaussianBlur(grey(picture), (0, 0), 0.3 * spacing(view.camera_xy[printed]))
+    x, y = np.rint(view.camera_xy[printed]).astype(np.intp).T
+    bright = levels[np.clip(y, 0, len(levels) - 1), np.clip(x, 0, levels.shape[1] - 1)]
+    return np.asarray(inside & (bright > _IN_SHADOW * np.median(bright[lit[printed]])))

@@ -27,10 +27,10 @@ def verdict_of(
     """
     lit = len(_locating(results))
     reasons = list(findings)
-    if rms_joint > _GOOD_PX:
+    if not rms_joint <= _GOOD_PX:
         worst = max((r for r in results if r.used), key=lambda r: np.nan_to_num(r.rms_joint))
         remedy = f"look at the worst view, {worst.name} ({worst.rms_joint:.2f} px): board moved, blurred or bent?"
-        limit = "bad" if rms_joint > _USABLE_PX else "usable"
+        limit = "usable" if rms_joint <= _USABLE_PX else "bad"
         fault = f"the joint reprojection error is {rms_joint:.2f} px"
         reasons.append(Finding(fault, worst.name, remedy, limit=limit))
     if lit < enough_views:
@@ -50,12 +50,15 @@ def judged(calibration: Calibration, findings: Sequence[Finding]) -> Verdict:
     """Return the verdict of a calibration when more is found, such as the mistakes that its pictures show."""
     known = {(f.code, f.view) for f in findings if f.code}
     named = {f.view for f in findings if f.code and f.view}
-    # Residuals tell that something is wrong with a view; what its pictures tell says what.
-    own = [
-        f
-        for f in calibration.verdict.reasons
-        if not f.code or not ((f.code, f.view) in known or (f.code in _OF_A_VIEW and f.view in named))
-    ]
+    # Residuals tell that a view is spoilt; what its pictures tell says by what.
+    spoilt = {f.view for f in findings if f.code in _OF_A_VIEW | _SPOILT}
+
+    def told(own: Finding) -> bool:
+        if not own.code:
+            return own.limit == "good" and own.view in named
+        return (own.code, own.view) in known or (own.code in _OF_A_VIEW and own.view in spoilt)
+
+    own = [f for f in calibration.verdict.reasons if not told(f)]
     return _graded([*findings, *own], calibration.views)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -56,6 +57,8 @@ def calibrate(
 
 def _print(calibration: Calibration, evidence: dict[str, Any], output: Path) -> None:
     left_out = calibration.diagnosis.left_out_px if calibration.diagnosis is not None else {}
+    counts = Counter(view.reason for view in calibration.views)
+    common = [reason for reason, count in counts.items() if reason and count > 2]
     rows = [
         (
             view.name,
@@ -64,11 +67,13 @@ def _print(calibration: Calibration, evidence: dict[str, Any], output: Path) -> 
             number(view.rms_projector),
             number(view.rms_joint),
             number(left_out.get(view.name, math.nan)),
-            view.reason,
+            f"({common.index(view.reason) + 1})" if view.reason in common else view.reason,
         )
         for view in calibration.views
     ]
     print_table(("view", "used", "camera px", "projector px", "joint px", "left-out px", "reason"), rows)
+    for index, reason in enumerate(common):
+        print(f"({index + 1}) {reason}")
     rms = evidence["rms_px"]
     print(
         f"rms: camera {number(rms['camera'])} px, projector {number(rms['projector_device'])} px, "
@@ -95,8 +100,9 @@ def _print_diagnosis(calibration: Calibration) -> None:
         return
     for name, device in diagnosis.devices.items():
         (near, far), (least, most), filled = device.depth_mm, device.tilt_deg, int((device.coverage > 0).sum())
-        where = f"depth {near:.0f} to {far:.0f} mm, tilt {least:.0f} to {most:.0f} deg"
-        print(f"{name}: points in {filled} of 9 ninths of the image, {where}")
+        # The faces of a solid have no tilt in common.
+        tilt = f", tilt {least:.0f} to {most:.0f} deg" if math.isfinite(least) else ""
+        print(f"{name}: points in {filled} of 9 ninths of the image, depth {near:.0f} to {far:.0f} mm{tilt}")
         if device.parameters:
             spread = ", ".join(f"{n} {number(3 * sigma)}" for n, (_, sigma) in device.parameters.items())
             print(f"  3 sigma: {spread}")
@@ -105,13 +111,14 @@ def _print_diagnosis(calibration: Calibration) -> None:
         print(f"{name} points: up to {number(largest)} px off at one place in all views alike")
     if diagnosis.left_out_px:
         print(f"left-out views are predicted to {number(diagnosis.left_out_rms_px)} px in the projector")
-    for name, volume in (
-        ("3D uncertainty, 1 sigma after rigid alignment", diagnosis.uncertainty),
-        ("two halves of the views, after rigid alignment, differ by", diagnosis.cross_validation),
+    noise = f", {number(diagnosis.cross_validation_noise_mm)} mm by their noise"
+    for name, volume, beside in (
+        ("3D uncertainty, 1 sigma after rigid alignment", diagnosis.uncertainty, ""),
+        ("two halves of the views, after rigid alignment, differ by", diagnosis.cross_validation, noise),
     ):
         if volume is not None:
             low, high = volume.depths_mm.min(), volume.depths_mm.max()
-            print(f"{name}: {number(volume.rms_mm)} mm at depths of {low:.0f} to {high:.0f} mm")
+            print(f"{name}: {number(volume.rms_mm)} mm{beside}, at depths of {low:.0f} to {high:.0f} mm")
     for first, second, value in diagnosis.correlations:
         print(
             f"{first} and {second} are known together only (correlation {number(value)}): "

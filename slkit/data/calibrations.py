@@ -117,7 +117,8 @@ class Diagnosis:
     devices: `camera` and `projector`. correlations: pairs of parameters above 0.99 and the correlation. repeating: per
     residual class the board points (n, 2) mm or projector px, the mean residual (n, 2) px of each over the views, and
     the 1 sigma (n,) of that mean. left_out_px: per view the rms error of a rig solved without it, left_out_rms_px over
-    all. cross_validation: distance between two rigs solved from half of the views each, after rigid alignment.
+    all. cross_validation: distance between two rigs solved from half of the views each, after rigid alignment, and
+    cross_validation_noise_mm: what the covariances of both rigs let expect of it, as its rms.
     uncertainty: 1 sigma of the 3D error that the covariance predicts. None, or empty, where it cannot be had.
     """
 
@@ -128,6 +129,7 @@ class Diagnosis:
     left_out_rms_px: float = float("nan")
     cross_validation: VolumeMap | None = None
     uncertainty: VolumeMap | None = None
+    cross_validation_noise_mm: float = float("nan")
 
 
 @dataclass(frozen=True, eq=False)

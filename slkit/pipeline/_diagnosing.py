@@ -11,13 +11,13 @@ import numpy as np
 from slkit.data import Calibration, Diagnosis, Finding, VolumeMap
 from slkit.errors import CalibrationError, InputError
 from slkit.files import Progress
+from slkit.geometry import Rig
 from slkit.protocols import Calibrator
 
 _PREDICTS = 3.0
 _NOTICED_PX = 0.3
-_DIFFERS, _FAR = 4.0, 20.0
-"""Two halves of the views differ by about twice the uncertainty of the whole: each has half of the points. By how many
-times it a rig that differs is usable only, or bad."""
+_DIFFERS, _FAR = 3.0, 20.0
+"""By how many times what their noise lets expect two halves of the views differ where a rig is usable only, or bad."""
 _VAGUE, _UNKNOWN = 1e-3, 5e-3
 """A rig whose points are uncertain by a larger share of their depth is usable only, or bad; and bad, one whose
 halves differ by as much."""
@@ -42,10 +42,12 @@ def diagnose(calibration: Calibration, calibrator: Calibrator, progress: Progres
         errors = left_out(calibration, solver, telling(progress, "leave views out"))
         diagnosis = with_left_out(diagnosis, errors, calibration)
     depths = board_depths(calibration)
+    apart, noise = _halves_apart(calibration, calibrator, depths)
     diagnosis = replace(
         diagnosis,
-        uncertainty=_uncertainty(calibration, depths),
-        cross_validation=_halves_apart(calibration, calibrator, depths),
+        uncertainty=_uncertainty(calibration.rig, depths),
+        cross_validation=apart,
+        cross_validation_noise_mm=noise,
     )
     verdict = judged(calibration, _findings(calibration, diagnosis))
     return replace(calibration, diagnosis=diagnosis, verdict=verdict)
@@ -79,6 +81,9 @@ def diagnosis_table(calibration: Calibration) -> dict[str, Any]:
     for name in ("uncertainty", "cross_validation"):
         volume: VolumeMap | None = getattr(found, name)
         table[name] = None if volume is None else _volume_table(volume)
+    if table["cross_validation"] is not None:
+        noise = found.cross_validation_noise_mm
+        table["cross_validation"]["noise_mm"] = noise if np.isfinite(noise) else None
     return table
 
 
@@ -100,30 +105,36 @@ def _volume_table(volume: VolumeMap) -> dict[str, Any]:
     }
 
 
-def _uncertainty(calibration: Calibration, depths: tuple[float, ...]) -> VolumeMap | None:
+def _uncertainty(rig: Rig, depths: tuple[float, ...]) -> VolumeMap | None:
     from slkit.triangulation.uncertainty import uncertainty_map
 
-    if not depths or calibration.rig.covariance is None:
+    if not depths or rig.covariance is None:
         return None
     try:
-        return uncertainty_map(calibration.rig, depths, aligned=True)
+        return uncertainty_map(rig, depths, aligned=True)
     except InputError:
         return None
 
 
-def _halves_apart(calibration: Calibration, calibrator: Calibrator, depths: tuple[float, ...]) -> VolumeMap | None:
+def _halves_apart(
+    calibration: Calibration, calibrator: Calibrator, depths: tuple[float, ...]
+) -> tuple[VolumeMap | None, float]:
+    """Return how far rigs from two halves of the views are apart, and how far their noise lets expect, rms in mm."""
     from slkit.calibration.left_out import halves
     from slkit.report.measure import volume_difference
     from slkit.triangulation import ray_plane
 
     parts = halves([r.view for r in calibration.views if r.used and r.view is not None])
+    nothing = None, float("nan")
     if parts is None or not depths:
-        return None
+        return nothing
     try:
         a, b = (calibrator.solve(part).rig for part in parts)
-        return volume_difference(a, b, ray_plane, depths)
+        of_a, of_b = _uncertainty(a, depths), _uncertainty(b, depths)
+        noise = nothing[1] if of_a is None or of_b is None else float(np.hypot(of_a.rms_mm, of_b.rms_mm))
+        return volume_difference(a, b, ray_plane, depths), noise
     except (CalibrationError, InputError):
-        return None
+        return nothing
 
 
 def _findings(calibration: Calibration, diagnosis: Diagnosis) -> list[Finding]:
@@ -160,15 +171,15 @@ def _vague(diagnosis: Diagnosis) -> Finding | None:
 
 
 def _halves_finding(diagnosis: Diagnosis) -> Finding | None:
-    halves, sigma = diagnosis.cross_validation, diagnosis.uncertainty
-    if halves is None or sigma is None or not halves.rms_mm > _DIFFERS * sigma.rms_mm:
+    halves, noise = diagnosis.cross_validation, diagnosis.cross_validation_noise_mm
+    if halves is None or not halves.rms_mm > _DIFFERS * noise:
         return None
     fault = (
         f"rigs from two halves of the views differ by {halves.rms_mm:.2g} mm; by their noise it would be "
-        f"about {2 * sigma.rms_mm:.2g} mm"
+        f"about {noise:.2g} mm"
     )
     remedy = "something is not in the model: a bent board, a lens that moved, a print that is not exact"
-    far = halves.rms_mm > min(_FAR * sigma.rms_mm, _UNKNOWN * float(np.mean(halves.depths_mm)))
+    far = halves.rms_mm > min(_FAR * noise, _UNKNOWN * float(np.mean(halves.depths_mm)))
     return Finding(fault, "", remedy, limit="bad" if far else "usable")
 
 

@@ -166,6 +166,7 @@ def summary_table(calibration: Calibration) -> Table:
     used = [v for v in calibration.views if v.used]
     kept = np.concatenate([np.empty(0, np.bool_), *(kept_rows(v) for v in used)])
     nan = float("nan")
+    noise = nan if diagnosis is None else diagnosis.cross_validation_noise_mm
     rows = (
         (
             "Joint reprojection error",
@@ -187,7 +188,7 @@ def summary_table(calibration: Calibration) -> Table:
         (
             "Two halves of the views",
             f"{significant(nan if halves is None else halves.rms_mm)} mm",
-            "how far the rigs of either half are apart, after rigid alignment",
+            f"how far the rigs of either half are apart, after rigid alignment; {significant(noise)} mm by their noise",
         ),
         ("Views used", f"{len(used)} of {len(calibration.views)}", "the table of views says why one was not used"),
         (
