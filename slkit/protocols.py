@@ -55,7 +55,8 @@ class Calibrator(Protocol):
 
     Attributes that a calibrator may have, and slkit then uses: `model`, a `slkit.calibration.model.Model`, is what
     `--select` compares and what left-out views are judged with; `fewest_views`, how many of each kind of picture it
-    needs (default 3); `printed`, `marks` and `projected`, the targets in its pictures, tell which mistakes to look for.
+    needs (default 3); `printed`, `marks` and `projected`, the targets in its pictures, and `projector`, its size in px,
+    tell which mistakes to look for.
     """
 
     def observe(self, captures: Sequence[Capture]) -> Sequence[BoardView]:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from slkit.calibration._parameters import Array, rms
-from slkit.data import BoardView, Calibration, DeviceDiagnosis, Diagnosis, ViewResult
+from slkit.data import BoardView, Calibration, DeviceDiagnosis, Diagnosis, ViewPlace, ViewResult
 from slkit.geometry import (
     LENS_NAMES,
     MOTION_NAMES,
@@ -97,7 +97,7 @@ def board_depths(calibration: Calibration) -> tuple[float, ...]:
     if np.ptp(depths) < ONE_DEPTH * np.mean(depths):
         depths = np.concatenate(points).tolist()
     low, high = min(depths), max(depths)
-    return (low, (low + high) / 2, high) if high > low else (low,)
+    return (low, (low + high) / 2, high) if high > (1 + 1e-6) * low else (low,)
 
 
 def with_left_out(diagnosis: Diagnosis, errors: Mapping[str, Array], calibration: Calibration) -> Diagnosis:
@@ -111,25 +111,26 @@ def with_left_out(diagnosis: Diagnosis, errors: Mapping[str, Array], calibration
 def _device(
     device: Pinhole, used: Sequence[ViewResult], motion: Pose, pixels: str, calibration: Calibration
 ) -> DeviceDiagnosis:
-    seen: list[Array] = []
-    depths: list[float] = []
-    tilts: list[float] = []
+    places: dict[str, ViewPlace] = {}
+    middles: list[float] = []
     for r in used:
         view, pose, kept = r.view, r.pose, r.kept
         if view is None or pose is None or kept is None:
             continue
         xy = getattr(view, pixels)[kept]
         xy = xy[np.isfinite(xy).all(axis=1)]
-        if not len(xy):
+        depths = motion.apply(seen_points(calibration.rig, view.select(kept), pose))[:, 2]
+        if not len(xy) or not len(depths):
             continue
-        seen.append(xy)
-        placed = motion.apply(seen_points(calibration.rig, view.select(kept), pose))[:, 2]
-        depths += [float(placed.mean())] if len(placed) else []
-        if view.face is None:
-            tilts.append(float(np.degrees(np.arccos(np.clip(abs((motion @ pose).rotation[2, 2]), 0, 1)))))
-    counts = ninths(np.concatenate([*seen, np.empty((0, 2))]), device.size)
+        cosine = np.nan if view.face is not None else abs((motion @ pose).rotation[2, 2])
+        tilt = float(np.degrees(np.arccos(np.clip(cosine, 0, 1))))
+        places[r.name] = ViewPlace(ninths(xy, device.size), (float(depths.min()), float(depths.max())), tilt)
+        middles.append(float(depths.mean()))
+    counts = np.sum([np.zeros((3, 3), dtype=np.intp), *(p.coverage for p in places.values())], axis=0)
+    tilts = [p.tilt_deg for p in places.values() if np.isfinite(p.tilt_deg)]
     name = "camera" if pixels == "camera_xy" else "projector"
-    return DeviceDiagnosis(counts, _range(depths), _range(tilts), _parameters(name, device, motion, calibration))
+    parameters = _parameters(name, device, motion, calibration)
+    return DeviceDiagnosis(counts, _range(middles), _range(tilts), parameters, places)
 
 
 def _range(values: Sequence[float]) -> tuple[float, float]:

@@ -12,6 +12,7 @@ from slkit.data.calibrations import (
     Finding,
     ResidualClass,
     Verdict,
+    ViewPlace,
     ViewResult,
     VolumeMap,
 )
@@ -34,6 +35,7 @@ __all__ = [
     "ResidualClass",
     "Verdict",
     "ViewResult",
+    "ViewPlace",
     "VolumeMap",
     "check_image",
     "describe_image",

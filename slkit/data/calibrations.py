@@ -97,17 +97,31 @@ class VolumeMap:
 
 
 @dataclass(frozen=True, eq=False)
+class ViewPlace:
+    """Where a device sees the board of one view.
+
+    coverage (3, 3): points in each ninth of the image, row by row; depth_mm: of its nearest and its farthest point;
+    tilt_deg: of its normal against the device's axis, NaN for a solid.
+    """
+
+    coverage: npt.NDArray[np.intp]
+    depth_mm: tuple[float, float]
+    tilt_deg: float
+
+
+@dataclass(frozen=True, eq=False)
 class DeviceDiagnosis:
     """What the views say of one device.
 
     coverage (3, 3): points in each ninth of the image, row by row; depth_mm, tilt_deg: least and largest of the board's
-    middle and of its normal against the device's axis; parameters: name to value and 1 sigma.
+    middle and of its normal against the device's axis; parameters: name to value and 1 sigma; views: by name.
     """
 
     coverage: npt.NDArray[np.intp]
     depth_mm: tuple[float, float]
     tilt_deg: tuple[float, float]
     parameters: Mapping[str, tuple[float, float]]
+    views: Mapping[str, ViewPlace] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)

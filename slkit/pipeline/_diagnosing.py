@@ -70,6 +70,14 @@ def diagnosis_table(calibration: Calibration) -> dict[str, Any]:
             "depth_mm": _finite(d.depth_mm),
             "tilt_deg": _finite(d.tilt_deg),
             "parameters": {n: {"value": v, "three_sigma": 3 * s} for n, (v, s) in d.parameters.items()},
+            "views": {
+                n: {
+                    "coverage": p.coverage,
+                    "depth_mm": p.depth_mm,
+                    "tilt_deg": p.tilt_deg if np.isfinite(p.tilt_deg) else None,
+                }
+                for n, p in d.views.items()
+            },
         }
         for name, d in found.devices.items()
     }

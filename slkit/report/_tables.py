@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slkit.data import Calibration, ViewResult
+from slkit.data import Calibration, ViewPlace, ViewResult
 from slkit.geometry import LENS_NAMES, MOTION_NAMES, sigmas_of
 from slkit.report._canvas import NOTHING, number, significant
 from slkit.report._evidence import kept_rows
@@ -29,17 +29,32 @@ class Table:
 
 def views_table(calibration: Calibration) -> Table:
     """Return one line a view: its errors in px, how many of its corners were rejected, and what is to be said of it."""
-    left_out = {} if calibration.diagnosis is None else calibration.diagnosis.left_out_px
-    rows = tuple(_view_row(i, v, left_out) for i, v in enumerate(calibration.views, 1))
-    columns = ("no.", "view", "used", "camera", "projector", "joint", "left out", "rejected", "remark")
+    diagnosis = calibration.diagnosis
+    left_out = {} if diagnosis is None else diagnosis.left_out_px
+    places = {} if diagnosis is None or "camera" not in diagnosis.devices else diagnosis.devices["camera"].views
+    rows = tuple(_view_row(i, v, left_out, places.get(v.name)) for i, v in enumerate(calibration.views, 1))
+    columns = (
+        "no.",
+        "view",
+        "used",
+        "camera",
+        "projector",
+        "joint",
+        "left out",
+        "rejected",
+        "depth mm",
+        "tilt deg",
+        "remark",
+    )
     note = (
         "Errors are sqrt(mean(dx² + dy²)) in px. Camera and projector: each with its own pose per view. Joint: both "
-        "under one pose. Left out: error of this view in a rig that was solved without it."
+        "under one pose. Left out: error of this view in a rig that was solved without it. Depth and tilt are the "
+        "camera's."
     )
-    return Table("Views", columns, rows, (1, 2, 8), note, "There are no views.")
+    return Table("Views", columns, rows, (1, 2, 10), note, "There are no views.")
 
 
-def _view_row(index: int, view: ViewResult, left_out: Mapping[str, float]) -> tuple[str, ...]:
+def _view_row(index: int, view: ViewResult, left_out: Mapping[str, float], place: ViewPlace | None) -> tuple[str, ...]:
     kept = kept_rows(view)
     errors = (view.rms_camera, view.rms_projector, view.rms_joint, left_out.get(view.name, np.nan))
     rejected = f"{(~kept).sum()} of {len(kept)}" if view.used and len(kept) else NOTHING
@@ -49,6 +64,8 @@ def _view_row(index: int, view: ViewResult, left_out: Mapping[str, float]) -> tu
         "yes" if view.used else "no",
         *(significant(e) for e in errors),
         rejected,
+        NOTHING if place is None else _range(place.depth_mm, 0),
+        NOTHING if place is None else number(place.tilt_deg, 0),
         view.reason,
     )
 
