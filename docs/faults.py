@@ -19,7 +19,7 @@ import numpy as np
 from slkit import registry
 from slkit.data import Calibration, Capture, Frames, Image
 from slkit.errors import CalibrationError, InputError
-from slkit.geometry import Pinhole, Rig
+from slkit.geometry import Pinhole, Rig, flat
 from slkit.pipeline import CalibrationTask, calibrate_captures, decode_capture, load_codec, solve_views
 from slkit.protocols import Calibrator, Codec
 from slkit.simulation import (
@@ -195,9 +195,7 @@ class Bench:
 
 def narrowest_square(session: Session) -> float:
     """Return the smallest distance of neighbouring corners in px over all views of the printed board."""
-    seen = [
-        s.rig.camera.project(s.pose.apply(np.pad(session.printed.points(), ((0, 0), (0, 1))))) for s in session.shots
-    ]
+    seen = [s.rig.camera.project(s.pose.apply(flat(session.printed.points()))) for s in session.shots]
     grids = [xy.reshape(*session.printed.corners[::-1], 2) for xy in seen]
     return min(float(np.linalg.norm(np.diff(g, axis=axis), axis=-1).min()) for g in grids for axis in (0, 1))
 

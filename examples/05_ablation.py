@@ -17,7 +17,7 @@ import slkit
 from slkit.calibration.corner_board import CornerBoard
 from slkit.calibration.model import Model
 from slkit.calibration.planar import Planar
-from slkit.geometry import homogeneous, intersect_plane
+from slkit.geometry import flat, homogeneous, intersect_plane
 from slkit.report.measure import volume_error
 from slkit.simulation import paper_rig
 from slkit.targets import Checkerboard, CornerMarks, ProjectedCheckerboard
@@ -52,7 +52,7 @@ def seen(rig: slkit.Rig, name: str, pose: slkit.Pose, printed: np.ndarray, lit: 
     board = rig.projector_from_camera @ pose
     rays = homogeneous(rig.projector.normalize(lit))
     there = intersect_plane(rays, board.rotation[:, 2], float(board.rotation[:, 2] @ board.translation))
-    xyz = [pose.apply(np.pad(printed, ((0, 0), (0, 1)))), rig.projector_from_camera.inverse().apply(there)]
+    xyz = [pose.apply(flat(printed)), rig.projector_from_camera.inverse().apply(there)]
     camera_xy = rig.camera.project(np.concatenate(xyz))
     board_xy, projector_xy = np.full_like(camera_xy, np.nan), np.full_like(camera_xy, np.nan)
     board_xy[: len(printed)], projector_xy[len(printed) :] = printed, lit

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from slkit.geometry import Pose
+from slkit.geometry import Pose, flat
 
 Array = npt.NDArray[np.floating[Any]]
 
@@ -19,7 +19,7 @@ def rms(residual_xy: Array) -> float:
 
 def homogeneous_zero(xy: Array) -> npt.NDArray[np.float32]:
     """Return board points (n, 2) mm as (n, 3) with z = 0, float32 as OpenCV wants them."""
-    return np.pad(xy, ((0, 0), (0, 1))).astype(np.float32)
+    return flat(xy).astype(np.float32)
 
 
 def moved_pose(pose: Pose, motion: Array) -> Pose:

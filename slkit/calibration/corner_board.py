@@ -107,15 +107,14 @@ class CornerBoard:
         self, white: Sequence[BoardView], poses: Sequence[Pose], points: Sequence[Array]
     ) -> tuple[Pinhole, Pose, Sequence[Array]]:
         """Return the projector, its pose in the first view, and the residuals (n, 2) px a view under its own pose."""
-        flat = [pose.inverse().apply(p)[:, :2] for p, pose in zip(points, poses, strict=True)]
+        local = [pose.inverse().apply(p)[:, :2] for p, pose in zip(points, poses, strict=True)]
         pixels = [v.projector_xy[v.projected] for v in white]
         views = [
             BoardView(v.name, self.projector, xy, seen, np.full_like(seen, np.nan), np.full_like(seen, np.nan))
-            for v, xy, seen in zip(white, flat, pixels, strict=True)
+            for v, xy, seen in zip(white, local, pixels, strict=True)
         ]
         projector, found = solve.calibrate_camera(views, self.projector, self.model.projector)
         residuals = [
-            projector.project(pose.apply(np.pad(xy, ((0, 0), (0, 1))))) - seen
-            for pose, xy, seen in zip(found, flat, pixels, strict=True)
+            projector.project(pose.apply(flat(xy))) - seen for pose, xy, seen in zip(found, local, pixels, strict=True)
         ]
         return projector, found[0] @ poses[0].inverse(), residuals

@@ -16,8 +16,6 @@ from slkit.geometry import (
     Pose,
     Rig,
     flat,
-    homogeneous,
-    intersect_rays,
     ninths,
     sigmas_of,
 )
@@ -73,10 +71,7 @@ def seen_points(rig: Rig, view: BoardView, pose: Pose) -> Array:
     """
     if view.face is None:
         return pose.apply(flat(view.board_xy[view.printed]))
-    seen = homogeneous(rig.camera.normalize(view.camera_xy[view.projected]))
-    lit = homogeneous(rig.projector.normalize(view.projector_xy[view.projected]))
-    turned = lit @ rig.projector_from_camera.rotation
-    points = intersect_rays(np.zeros(3), seen, rig.projector_center, turned)[0]
+    points = rig.meet(view.camera_xy[view.projected], view.projector_xy[view.projected])
     return points[np.isfinite(points).all(axis=1)]
 
 

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from slkit.geometry.lenses import LENS_NAMES, Pinhole
 from slkit.geometry.poses import MOTION_NAMES, Pose
+from slkit.geometry.rays import homogeneous, intersect_rays
 
 RIG_NAMES = (
     *(f"camera.{n}" for n in LENS_NAMES),
@@ -42,6 +43,15 @@ class Rig:
     def to_projector(self, xyz: npt.ArrayLike) -> npt.NDArray[np.float64]:
         """Return the projector pixels (..., 2) that light camera-frame points (..., 3) in mm."""
         return self.projector.project(self.projector_from_camera.apply(xyz))
+
+    def meet(self, camera_xy: npt.ArrayLike, projector_xy: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """Return the camera-frame points (..., 3) mm half-way between the rays of pixels (..., 2) of both devices.
+
+        NaN for a pixel that is not known; infinite or NaN for parallel rays.
+        """
+        rays = homogeneous(self.camera.normalize(camera_xy))
+        light = homogeneous(self.projector.normalize(projector_xy)) @ self.projector_from_camera.rotation
+        return intersect_rays(np.zeros(3), rays, self.projector_center, light)[0]
 
 
 def sigmas_of(covariance: Mapping[str, Any] | None) -> dict[str, float]:

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from slkit.data import BoardView, Calibration, ViewResult
-from slkit.geometry import Floats, Pinhole, Pose, Rig, homogeneous, intersect_plane, intersect_rays
+from slkit.geometry import Floats, Pinhole, Pose, flat, homogeneous, intersect_plane
 
 Mask = npt.NDArray[np.bool_]
 
@@ -99,7 +99,7 @@ def placed_views(calibration: Calibration) -> list[Placed]:
             outline = pose.apply(np.array([[x0, y0, 0], [x1, y0, 0], [x1, y1, 0], [x0, y1, 0]]))
             points, middle = _on_board(calibration.rig.camera, pose, view), outline.mean(axis=0)
         else:
-            outline, points = np.empty((0, 3)), _by_two_rays(calibration.rig, view)
+            outline, points = np.empty((0, 3)), calibration.rig.meet(view.camera_xy, view.projector_xy)
             middle = np.nanmean(points, axis=0) if np.isfinite(points).any() else pose.translation
         placed.append(Placed(number, result, view, outline, points, middle))
     return placed
@@ -107,17 +107,9 @@ def placed_views(calibration: Calibration) -> list[Placed]:
 
 def _on_board(camera: Pinhole, pose: Pose, view: BoardView) -> Floats:
     """Return where each row lies (n, 3) mm: on the board where printed, else where its camera ray meets the board."""
-    points = pose.apply(np.pad(view.board_xy, ((0, 0), (0, 1))))
+    points = pose.apply(flat(view.board_xy))
     rays = homogeneous(camera.normalize(view.camera_xy[~view.printed]))
     normal = pose.rotation[:, 2]
     points[~view.printed] = intersect_plane(rays, normal, float(normal @ pose.translation))
     points[~np.isfinite(points).all(axis=1)] = np.nan
     return points
-
-
-def _by_two_rays(rig: Rig, view: BoardView) -> Floats:
-    """Return where each row lies (n, 3) mm: where its two rays meet, NaN for a row without a projector pixel."""
-    camera_from_projector = rig.projector_from_camera.inverse()
-    center, light = camera_from_projector.translation, homogeneous(rig.projector.normalize(view.projector_xy))
-    rays = homogeneous(rig.camera.normalize(view.camera_xy))
-    return intersect_rays(np.zeros(3), rays, center, light @ camera_from_projector.rotation.T)[0]
