@@ -20,7 +20,7 @@ from slkit.calibration._two_sides import SIDES, Placed, observe_sides, place_sid
 from slkit.calibration.estimate import assembled, estimate, points_of
 from slkit.calibration.model import Model
 from slkit.data import BoardView, Calibration, Capture
-from slkit.geometry import Pinhole, Pose, Rig, as_size
+from slkit.geometry import Pinhole, Pose, Rig, as_size, flat
 from slkit.targets import Checkerboard
 
 _NAME = "corner-board"
