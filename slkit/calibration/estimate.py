@@ -8,23 +8,19 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from slkit.calibration import solve
 from slkit.calibration._geometry_findings import geometry_findings
 from slkit.calibration._parameters import Array, rms
 from slkit.calibration._residuals import places
 from slkit.calibration._sequence import in_sequence
+from slkit.calibration._start import start_projector
 from slkit.calibration.bundle import Adjusted, adjust, without_rejected
 from slkit.calibration.model import Lens, Model
 from slkit.calibration.surfaces import PointSet, Sheet, Surface
 from slkit.calibration.verdict import verdict_of
 from slkit.data import BoardView, Calibration, Finding, ViewResult
-from slkit.errors import CalibrationError
 from slkit.geometry import Pinhole, Pose, Rig, homogeneous
 
 _FEWEST_POINTS = 4
-_GROSS_PX, _SPOILT, _FEWEST_LIT = 3.0, 0.2, 3
-"""A projector that misses its points by more than _GROSS_PX starts without one of the views where that takes the misfit
-below this, and to a fifth: else it may start too far off for that view to be rejected."""
 ENOUGH_VIEWS = 5
 """With fewer views of a flat board that locate the projector no calibration is called good."""
 
@@ -54,7 +50,7 @@ def estimate(
     given = list(surfaces or [None] * (max(shown) + 1))
     points = [points_of(camera, p, v, given[b])[v.projected] for p, v, b in zip(poses, used, shown, strict=True)]
     pixels = [v.projector_xy[v.projected] for v in used]
-    start = _start(points, pixels, projector, model.projector)
+    start = start_projector(points, pixels, projector, model.projector)
     rough = Rig(camera, start.projector, start.projector_from_camera)
     arguments = (rough, poses, used, model, shown, given)
     found = adjust(*arguments) if model.refine else in_sequence(*arguments)
@@ -63,39 +59,6 @@ def estimate(
     rest = without_rejected(found) if found.rejected else plain
     findings = geometry_findings(found, plain, rest, used, sides, model)
     return assembled(method, views, used, found, model, findings, enough_views)
-
-
-def _start(points: Sequence[Array], pixels: Sequence[Array], size: tuple[int, int], lens: Lens) -> solve.ProjectorFit:
-    """Return the projector that all views locate, or, where one of them alone spoils it, the one of the others."""
-    lit = [i for i, p in enumerate(points) if len(p)]
-    if not lit:
-        raise CalibrationError("no view tells where the projector's light falls")
-
-    def fit(chosen: Sequence[int], linear: bool) -> solve.ProjectorFit | CalibrationError:
-        there, seen = (np.concatenate([part[i] for i in chosen]) for part in (points, pixels))
-        known = np.isfinite(np.column_stack([there, seen])).all(axis=1)
-        try:
-            if linear:
-                return solve.linear_projector(there[known], seen[known], size)
-            return solve.solve_projector(there[known], seen[known], size, lens=lens)
-        except CalibrationError as error:
-            return error
-
-    whole = fit(lit, linear=False)
-    if _misfit(whole) > _GROSS_PX and len(lit) > _FEWEST_LIT:
-        without = [_misfit(fit([j for j in lit if j != i], linear=True)) for i in lit]
-        del lit[int(np.argmin(without))]
-        others = fit(lit, linear=False)
-        if _misfit(others) < min(_SPOILT * _misfit(whole), _GROSS_PX):
-            whole = others
-    if isinstance(whole, CalibrationError):
-        raise whole
-    return whole
-
-
-def _misfit(found: solve.ProjectorFit | CalibrationError) -> float:
-    # Points behind the projector have no pixel.
-    return np.inf if isinstance(found, CalibrationError) or np.isnan(found.rms) else found.rms
 
 
 def points_of(camera: Pinhole, pose: Pose, view: BoardView, surface: Surface | None = None) -> Array:
