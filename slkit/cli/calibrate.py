@@ -111,14 +111,14 @@ def _print_diagnosis(calibration: Calibration) -> None:
         print(f"{name} points: up to {number(largest)} px off at one place in all views alike")
     if diagnosis.left_out_px:
         print(f"left-out views are predicted to {number(diagnosis.left_out_rms_px)} px in the projector")
-    noise = f", {number(diagnosis.cross_validation_noise_mm)} mm by their noise"
+    noise = f", {number(diagnosis.cross_validation_noise_mm)} mm by their noise,"
     for name, volume, beside in (
         ("3D uncertainty, 1 sigma after rigid alignment", diagnosis.uncertainty, ""),
         ("two halves of the views, after rigid alignment, differ by", diagnosis.cross_validation, noise),
     ):
         if volume is not None:
             low, high = volume.depths_mm.min(), volume.depths_mm.max()
-            print(f"{name}: {number(volume.rms_mm)} mm{beside}, at depths of {low:.0f} to {high:.0f} mm")
+            print(f"{name}: {number(volume.rms_mm)} mm{beside} at depths of {low:.0f} to {high:.0f} mm")
     for first, second, value in diagnosis.correlations:
         print(
             f"{first} and {second} are known together only (correlation {number(value)}): "

@@ -67,7 +67,7 @@ def simulate_calibration(
     Errors: InputError where no pose is visible, or for a fault that is not known or cannot befall this method;
     FileError where the folder cannot be written.
     """
-    rig, optics, folder = rig or paper_rig(), optics or Optics(), make_folder(folder)
+    rig, optics = rig or paper_rig(), optics or Optics()
     if poses < 1:
         raise InputError(f"poses must be at least 1, not {poses}")
     rng = np.random.default_rng(seed)
@@ -79,6 +79,7 @@ def simulate_calibration(
     if fault is not None:
         session = with_fault(session, fault, strength, rng)
     table = _planar_table(session) if built is None else _coded_table(session, name, built)
+    folder = make_folder(folder)
     _take(folder, session, progress)
     write_toml(folder / "calibration.toml", merged(table, session.told), _COMMENT)
     write_rig(folder / "truth" / "rig.json", rig)
