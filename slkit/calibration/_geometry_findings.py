@@ -67,7 +67,10 @@ def geometry_findings(
     for number, name in enumerate(boards):
         mine = [i for i in used if board[i] == number and views[i].face is None]
         findings += pose_findings(state.rig, [views[i] for i in mine], [state.poses[i] for i in mine], name)
-    return findings + list(coverage_findings(state.rig, [views[i] for i in used], [state.poses[i] for i in used]))
+    # How much of an image an object fills, its size decides.
+    boards_seen = [i for i in used if views[i].face is None]
+    covering = [views[i] for i in boards_seen], [state.poses[i] for i in boards_seen]
+    return findings + list(coverage_findings(state.rig, *covering))
 
 
 def _share_of_rejected(rest: Adjusted, plain: Adjusted) -> float:

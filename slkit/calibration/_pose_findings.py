@@ -35,6 +35,8 @@ def pose_findings(rig: Rig, views: Sequence[BoardView], poses: Sequence[Pose], s
 def coverage_findings(rig: Rig, views: Sequence[BoardView], poses: Sequence[Pose]) -> Iterator[Finding]:
     """Name points that cover one corner of a device's image only, of what the other device lets them cover."""
     lit = [i for i, v in enumerate(views) if v.projected.any()]
+    if not lit:
+        return
     boards = np.array([seen_points(rig, views[i], poses[i]).mean(axis=0) for i in lit])
     exchanged = Rig(rig.projector, rig.camera, rig.projector_from_camera.inverse())
     camera_xy = np.concatenate([v.camera_xy for v in views])

@@ -101,6 +101,13 @@ def test_one_view_without_noise_gives_the_exact_rig(name: str, refine: bool):
     assert found.rms_joint < 1e-4 and error_mm(found.rig) < 1e-3
 
 
+@pytest.mark.parametrize("name", ["book", "cube"])
+@pytest.mark.parametrize("count", [1, 3])
+def test_clean_views_of_an_object_are_a_good_calibration(name: str, count: int):
+    verdict = method(name).solve(views_of(RIG, name, count, 5, 0.1)).verdict
+    assert (verdict.grade, verdict.reasons) == ("good", ())
+
+
 def test_more_views_and_side_a_make_it_surer():
     """Means over six seeds at 0.05 px of noise: one view, three views, one view and six of side A."""
     for label, model in (("default", Model()), ("k1 only", ONE_TERM)):
