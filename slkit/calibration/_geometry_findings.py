@@ -63,14 +63,12 @@ def geometry_findings(
     if aspect is not None and share < _WHOLE and "keystone" not in [f.code for f in findings]:
         findings.append(aspect)
     state, board = found.state, found.problem.board
-    used = [i for i in range(len(views)) if i not in found.rejected]
+    # How far an object tilts, and how much of an image it fills, its shape and size decide.
+    flat = [i for i, v in enumerate(views) if v.face is None and i not in found.rejected]
     for number, name in enumerate(boards):
-        mine = [i for i in used if board[i] == number and views[i].face is None]
+        mine = [i for i in flat if board[i] == number]
         findings += pose_findings(state.rig, [views[i] for i in mine], [state.poses[i] for i in mine], name)
-    # How much of an image an object fills, its size decides.
-    boards_seen = [i for i in used if views[i].face is None]
-    covering = [views[i] for i in boards_seen], [state.poses[i] for i in boards_seen]
-    return findings + list(coverage_findings(state.rig, *covering))
+    return findings + list(coverage_findings(state.rig, [views[i] for i in flat], [state.poses[i] for i in flat]))
 
 
 def _share_of_rejected(rest: Adjusted, plain: Adjusted) -> float:

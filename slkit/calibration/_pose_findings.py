@@ -17,7 +17,7 @@ _COVERS = 0.18
 
 
 def pose_findings(rig: Rig, views: Sequence[BoardView], poses: Sequence[Pose], side: str) -> Iterator[Finding]:
-    """Name poses of one side of the board that determine too little: alike, at one depth, in one corner."""
+    """Name poses of one side of the board that determine too little: alike, or at one depth."""
     if len(views) < 2:
         return
     normals = np.array([p.rotation[:, 2] for p in poses])

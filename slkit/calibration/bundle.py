@@ -73,7 +73,7 @@ def adjust(
     parts, points = split(views, board)
     state = start_of(rig, poses, points, model, surfaces)
     problem = Problem(parts, np.array(board, dtype=np.intp), free_parameters(model, state, parts))
-    return _robust(problem, state) if model.loss == "huber" else _plain(problem, state)
+    return _robust(problem, state) if model.loss == "huber" else _plain(problem, state, every_row(parts))
 
 
 def start_of(
@@ -126,12 +126,11 @@ def _robust(problem: Problem, state: State) -> Adjusted:
 def without_rejected(found: Adjusted) -> Adjusted:
     """Return the solution of least squares of all rows but those of views that were rejected."""
     views = list(found.rejected)
-    kept = {p.name: ~np.isin(p.view, views) for p in found.problem.parts}
-    return _finish(found.problem, found.state, found.problem.blocks(found.state), kept, {}, huber=False)
+    return _plain(found.problem, found.state, {p.name: ~np.isin(p.view, views) for p in found.problem.parts})
 
 
-def _plain(problem: Problem, state: State) -> Adjusted:
-    return _finish(problem, state, problem.blocks(state), every_row(problem.parts), {}, huber=False)
+def _plain(problem: Problem, state: State, kept: Masks) -> Adjusted:
+    return _finish(problem, state, problem.blocks(state), kept, {}, huber=False)
 
 
 def _finish(

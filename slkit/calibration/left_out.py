@@ -10,7 +10,9 @@ import numpy as np
 
 from slkit.calibration._parameters import Array
 from slkit.calibration.bundle import adjust
+from slkit.calibration.estimate import points_of
 from slkit.calibration.model import Model
+from slkit.calibration.solve import board_pose
 from slkit.data import BoardView, Calibration, ViewResult
 from slkit.errors import CalibrationError
 from slkit.geometry import Rig
@@ -94,9 +96,6 @@ def predicted(rig: Rig, view: BoardView) -> Array | None:
 
     As `left_out` says; None where the view's own pose cannot be had.
     """
-    from slkit.calibration.estimate import points_of
-    from slkit.calibration.solve import board_pose
-
     printed = view.printed
     try:
         pose, _, _ = board_pose(rig.camera, view.board_xy[printed], view.camera_xy[printed])

@@ -33,7 +33,10 @@ _CELLS = (0.85, 1.18, 0.5, 2.0, 0.4, 2.5, 0.67, 1.5)
 _FEWEST = 6
 _REACHED = 0.47
 """Half of the projector's image, as a share of its size; the outermost is dim and blurred."""
-_ON_A_LINE, _IN_SHADOW = 0.1, 0.5
+_ON_A_LINE = 0.1
+"""Corners whose spread across is a smaller share of that along them say too little of where others are lit."""
+_IN_SHADOW = 0.5
+"""Corners darker than this share of the usual may well have no code."""
 
 
 def picture_findings(captures: Sequence[Capture], views: Sequence[BoardView], calibrator: Any) -> tuple[Finding, ...]:
