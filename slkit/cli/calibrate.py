@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from slkit.cli._common import JsonOption, SetOption, number, parse_settings, print_json, print_table, progress_bar
+from slkit.cli.rig import print_photometry
 
 if TYPE_CHECKING:
     from slkit.data import Calibration
@@ -31,6 +32,9 @@ def calibrate(
     report: Annotated[
         Path | None, typer.Option("--report", metavar="DIR", help="Folder for a page with figures of the evidence.")
     ] = None,
+    color: Annotated[
+        Path | None, typer.Option("--color", metavar="DIR", help="Pictures of a white plane as of `slkit rig color`.")
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Calibrate camera and projector from pictures of boards."""
@@ -40,22 +44,28 @@ def calibrate(
     parameters = parse_settings(settings)
     if no_refine:
         parameters = merged(parameters, {"model": {"refine": False}})
+    # A mistake in these few pictures is told before minutes of work.
+    photometry = None if color is None else pipeline.measure_photometry(color)
     with progress_bar() as progress:
         calibration = pipeline.calibrate(folder, method, parameters, progress, select=select, report=report)
     evidence = pipeline.provenance(calibration)
-    write_rig(output, calibration.rig, evidence)
+    rig = calibration.rig if photometry is None else pipeline.with_photometry(calibration.rig, photometry)
+    write_rig(output, rig, evidence)
     if as_json:
         views = [view | {"rms_px": view["rms_px"]["joint"]} for view in evidence["views"]]
         told = {name: evidence[name] for name in ("rms_px", "verdict", "notes", "diagnosis")} | {"views": views}
         files = {"rig": str(output)} | ({} if report is None else {"report": str(report / "report.html")})
-        print_json(plain(told) | files)
+        print_json(plain(told) | ({} if photometry is None else {"photometry": photometry}) | files)
     else:
-        _print(calibration, evidence, output)
+        _print(calibration, evidence)
+        if photometry is not None:
+            print_photometry(photometry)
+        print(f"rig: {output}")
         if report is not None:
             print(f"report: {report / 'report.html'}")
 
 
-def _print(calibration: Calibration, evidence: dict[str, Any], output: Path) -> None:
+def _print(calibration: Calibration, evidence: dict[str, Any]) -> None:
     left_out = calibration.diagnosis.left_out_px if calibration.diagnosis is not None else {}
     counts = Counter(view.reason for view in calibration.views)
     common = [reason for reason, count in counts.items() if reason and count > 2]
@@ -88,7 +98,6 @@ def _print(calibration: Calibration, evidence: dict[str, Any], output: Path) -> 
     for note in calibration.notes:
         if note not in told:
             print(f"note: {note}")
-    print(f"rig: {output}")
 
 
 def _print_diagnosis(calibration: Calibration) -> None:

@@ -23,8 +23,8 @@ def patterns(
     codec: Annotated[
         str,
         typer.Argument(
-            metavar="CODEC|RECIPE.toml|checkerboard|charuco",
-            help="A codec's name, a recipe, or what the planar calibration projects: checkerboard or charuco.",
+            metavar="CODEC|RECIPE.toml|checkerboard|charuco|color",
+            help="A codec's name, a recipe, or what a calibration projects: checkerboard or charuco, and color.",
         ),
     ],
     output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for the pictures.")],
@@ -43,11 +43,15 @@ def patterns(
     elif codec in ("checkerboard", "charuco"):
         _projected(codec, size, output, settings, as_json)
         return
+    elif codec == "color":
+        paths = pipeline.projected_color(size, output, parse_settings(settings))
+        _report(len(paths), output, "name the pictures you take of them as they are named", as_json)
+        return
     else:
         name, built = codec, pipeline.load_codec(codec, size, parse_settings(settings))
     with progress_bar() as progress:
         count = len(pipeline.patterns(name, built, output, progress))
-    _report(count, output, "capture.toml", as_json)
+    _report(count, output, "capture.toml is for the pictures you take", as_json)
 
 
 def _projected(name: str, size: tuple[int, int], output: Path, settings: list[str] | None, as_json: bool) -> None:
@@ -57,11 +61,11 @@ def _projected(name: str, size: tuple[int, int], output: Path, settings: list[st
         raise InputError(f"the projected {name} has no parameters: leave --set away")
     write = pipeline.projected_charuco if name == "charuco" else pipeline.projected_checkerboard
     write(size, output)
-    _report(2, output, "calibration.toml", as_json)
+    _report(2, output, "calibration.toml is for the pictures you take", as_json)
 
 
-def _report(count: int, output: Path, file: str, as_json: bool) -> None:
+def _report(count: int, output: Path, then: str, as_json: bool) -> None:
     if as_json:
         print_json({"patterns": count, "folder": str(output)})
     else:
-        print(f"{count} patterns in {output}: show them with slideshow.html; {file} is for the pictures you take")
+        print(f"{count} patterns in {output}: show them with slideshow.html; {then}")

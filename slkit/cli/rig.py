@@ -1,7 +1,8 @@
-"""slkit rig show, export and import."""
+"""slkit rig show, color, export and import."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -39,6 +40,26 @@ def show(
     rms = table["rms_px"]
     if rms:
         print("rms: " + ", ".join(f"{name} {number(value)} px" for name, value in rms.items()))
+    if found.photometry is not None:
+        print_photometry(found.photometry)
+
+
+@app.command()
+def color(
+    rig: Annotated[Path, typer.Argument(metavar="RIG.json")],
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Pictures of a white plane: white, black, red, ...")],
+    output: Annotated[Path | None, typer.Option("-o", "--output", metavar="FILE", help="Default: RIG.json.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Write into a rig.json how its camera sees the colors of its projector; `slkit patterns color` shows them."""
+    from slkit import pipeline
+
+    photometry = pipeline.add_photometry(rig, folder, output)
+    if as_json:
+        print_json({"photometry": photometry, "rig": str(output or rig)})
+        return
+    print_photometry(photometry)
+    print(f"rig: {output or rig}")
 
 
 @app.command("export")
@@ -84,6 +105,7 @@ def _report(written: dict[str, Any], as_json: bool) -> None:
 def _table(rig: Rig, origin: dict[str, Any]) -> dict[str, Any]:
     import numpy as np
 
+    from slkit.files import plain
     from slkit.geometry import sigmas_of
 
     pose = rig.projector_from_camera
@@ -98,7 +120,28 @@ def _table(rig: Rig, origin: dict[str, Any]) -> dict[str, Any]:
         "sigma": sigmas_of(rig.covariance),
         "rms_px": origin.get("rms_px"),
         "method": origin.get("method"),
+        "photometry": plain(rig.photometry),
     }
+
+
+def print_photometry(photometry: Mapping[str, Any]) -> None:
+    """Print how a camera sees the colors of a projector, as far as it is known, and the evidence."""
+    print("color mixing, rows seen, columns projected, red green blue:")
+    for row in photometry.get("mixing", ()):
+        print(f"  {_row(row, 4)}")
+    if "ambient" in photometry:
+        print(f"ambient: {_row(photometry['ambient'], 4)} of full scale")
+    told = _row(photometry["response"], 3) if "response" in photometry else "not measured"
+    print(f"projector response, exponents: {told}")
+    evidence = photometry.get("evidence")
+    if evidence:
+        extra = 100 * max((float(v) for v in evidence["additivity"]), key=abs)
+        print(
+            f"evidence: {int(evidence['pixels'])} pixels, {100 * evidence['neutral']:.0f} % of the lit field neutral, "
+            f"{100 * evidence['saturated']:.1f} % saturated; red + green + blue differ from white by {extra:+.1f} %"
+        )
+    for warning in photometry.get("warnings", ()):
+        print(f"warning: {warning}")
 
 
 def _describe(name: str, device: Pinhole, sigmas: dict[str, float]) -> str:

@@ -1,7 +1,8 @@
-"""slkit simulate calibration and slkit simulate scan."""
+"""slkit simulate calibration, scan and color."""
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -25,6 +26,10 @@ RigOption = Annotated[Path | None, typer.Option("--rig", metavar="FILE", help="A
 NoiseOption = Annotated[
     float | None, typer.Option("--noise", metavar="DN", help="1 sigma of the noise in grey levels, 0 for none.")
 ]
+OpticsOption = Annotated[
+    list[str] | None,
+    typer.Option("--optics", metavar="KEY=VALUE", help="How bright, sharp and noisy, such as crosstalk=0.15."),
+]
 SeedOption = Annotated[int, typer.Option("--seed", metavar="N", help="Of poses and noise.")]
 CodecOption = Annotated[
     list[str] | None, typer.Option("--codec", metavar="NAME", help="A codec's name or recipe; may be repeated.")
@@ -38,6 +43,7 @@ def calibration(
     rig: RigOption = None,
     poses: Annotated[int, typer.Option("--poses", metavar="N", help="How many poses of the board.")] = 10,
     noise: NoiseOption = None,
+    optics: OpticsOption = None,
     seed: SeedOption = 0,
     settings: SetOption = None,
     fault: Annotated[
@@ -55,8 +61,9 @@ def calibration(
         raise InputError("--set gives fields of a codec: name one with --codec")
     name = codec[0] if codec else None
     with progress_bar() as progress:
+        light = _optics(noise, optics)
         pipeline.simulate_calibration(
-            output, _rig(rig), poses, name, parse_settings(settings), _optics(noise), seed, progress, fault, strength
+            output, _rig(rig), poses, name, parse_settings(settings), light, seed, progress, fault, strength
         )
     _report([output], as_json)
 
@@ -68,6 +75,7 @@ def scan(
     codec: CodecOption = None,
     rig: RigOption = None,
     noise: NoiseOption = None,
+    optics: OpticsOption = None,
     seed: SeedOption = 0,
     settings: SetOption = None,
     as_json: JsonOption = False,
@@ -76,10 +84,29 @@ def scan(
     from slkit import pipeline
 
     with progress_bar() as progress:
+        light = _optics(noise, optics)
         folders = pipeline.simulate_scan(
-            output, _rig(rig), scene, codec or ["gray"], parse_settings(settings), _optics(noise), seed, progress
+            output, _rig(rig), scene, codec or ["gray"], parse_settings(settings), light, seed, progress
         )
     _report(folders, as_json)
+
+
+@app.command()
+def color(
+    output: OutputOption,
+    rig: RigOption = None,
+    noise: NoiseOption = None,
+    optics: OpticsOption = None,
+    seed: SeedOption = 0,
+    settings: SetOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Render a white plane under every color as `slkit rig color` reads it; --set levels=[64,128] adds levels."""
+    from slkit import pipeline
+
+    with progress_bar() as progress:
+        pipeline.simulate_color(output, _rig(rig), parse_settings(settings), _optics(noise, optics), seed, progress)
+    _report([output], as_json)
 
 
 def _rig(path: Path | None) -> Rig | None:
@@ -88,10 +115,15 @@ def _rig(path: Path | None) -> Rig | None:
     return None if path is None else read_rig(path)
 
 
-def _optics(noise: float | None) -> Optics | None:
+def _optics(noise: float | None, given: list[str] | None) -> Optics:
+    from slkit import registry
     from slkit.simulation import Optics
 
-    return None if noise is None else Optics(read_noise=noise, shot_noise=0.0)
+    for setting in given or ():
+        if not re.match(r"\s*\w+\s*=", setting):
+            raise InputError(f"--optics {setting}: write it as key=value")
+    fields = {} if noise is None else {"read_noise": noise, "shot_noise": 0.0}
+    return registry.create(Optics, fields | parse_settings(given), "optics")
 
 
 def _report(folders: list[Path], as_json: bool) -> None:

@@ -7,6 +7,13 @@ many there are.
 from slkit.pipeline._boards import PAGES, write_board
 from slkit.pipeline._calibrating import calibrate, calibrate_captures, provenance, solve_views
 from slkit.pipeline._captures import CalibrationTask, decode_capture, load_calibration
+from slkit.pipeline._coloring import (
+    add_photometry,
+    measure_photometry,
+    projected_color,
+    simulate_color,
+    with_photometry,
+)
 from slkit.pipeline._layouts import BOARDS
 from slkit.pipeline._patterns import load_codec, patterns, projected_charuco, projected_checkerboard, recipe_codec
 from slkit.pipeline._reporting import write_report
@@ -18,6 +25,7 @@ __all__ = [
     "CalibrationTask",
     "PAGES",
     "ScanResult",
+    "add_photometry",
     "bounds",
     "calibrate",
     "calibrate_captures",
@@ -26,16 +34,20 @@ __all__ = [
     "load_calibration",
     "load_codec",
     "make_filters",
+    "measure_photometry",
     "patterns",
     "projected_charuco",
     "projected_checkerboard",
+    "projected_color",
     "provenance",
     "recipe_codec",
     "scan",
     "simulate_calibration",
+    "simulate_color",
     "simulate_scan",
     "solve_views",
     "view",
+    "with_photometry",
     "write_board",
     "write_cloud",
     "write_report",

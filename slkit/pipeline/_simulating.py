@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from slkit import registry
+from slkit.data import Frames
 from slkit.errors import InputError
 from slkit.files import (
     Progress,
@@ -75,7 +76,8 @@ def simulate_calibration(
     if built is None:
         session = planar_session(rig, poses, rng, optics, seed)
     else:
-        session = coded_session(rig, poses, built.encode(), rng, optics, seed)
+        patterns = built.encode()
+        session = coded_session(rig, poses, patterns, rng, _seeing(optics, patterns), seed)
     if fault is not None:
         session = with_fault(session, fault, strength, rng)
     table = _planar_table(session) if built is None else _coded_table(session, name, built)
@@ -100,7 +102,7 @@ def simulate_scan(
 
     scene: a name of `simulation.SCENES`, or a mesh file, which is scaled into the volume the rig measures. codecs:
     names or recipes; several make one subfolder each. parameters: fields of all of them; a codec that can choose its
-    axis codes the one that carries depth. Returns the folders to scan.
+    axis codes the one that carries depth. Coloured patterns make coloured pictures. Returns the folders to scan.
     Errors: InputError for an unknown scene; FileError where the folder cannot be written.
     """
     rig, optics, folder = rig or paper_rig(), optics or Optics(), Path(folder)
@@ -111,7 +113,9 @@ def simulate_scan(
     targets: list[Path] = []
     for label, name, codec in built:
         targets.append(folder if len(built) == 1 else folder / label)
-        write_frames(targets[-1], scanner.capture(codec.encode()), progress)
+        patterns = codec.encode()
+        seen = scanner.under(_seeing(optics, patterns), seed).capture(patterns)
+        write_frames(targets[-1], seen, progress)
         write_capture_toml(targets[-1], name, codec, _COMMENT, frames="*.png")
     write_rig(folder / "truth" / "rig.json", rig)
     vertices, faces = scanner.scene.mesh()
@@ -186,6 +190,11 @@ def _codec(codec: str, rig: Rig, parameters: Mapping[str, Any] | None, axes: str
     plugin = registry.load("slkit.codecs", codec)
     chooses = any(f.name == "axes" for f in dataclasses.fields(plugin))
     return codec, load_codec(codec, rig.projector.size, ({"axes": axes} if chooses else {}) | dict(parameters or {}))
+
+
+def _seeing(optics: Optics, patterns: Frames) -> Optics:
+    """Return optics with a colour camera where any pattern is coloured."""
+    return dataclasses.replace(optics, color=optics.color or any(pattern.ndim == 3 for pattern in patterns))
 
 
 def _label(codec: str) -> str:

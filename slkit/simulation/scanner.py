@@ -26,7 +26,7 @@ class Optics:
 
     white_level: what an albedo of 1 gives that faces the projector's white at the working distance. ambient: what the
     same surface gives by room light alone. black_level: what darkness gives. projector_gamma: light = value ** gamma.
-    crosstalk: the share of each channel that its two neighbours see instead, or the 3 x 3 mixing (seen, projected).
+    crosstalk: the share of each channel that each of the others sees instead, or the 3 x 3 mixing (seen, projected).
     read_noise: 1 sigma in grey levels of the picture's depth; shot_noise: variance in grey levels per grey level.
     bits: 8 or 16. color: RGB pictures, else the mean of the channels. samples: rays a pixel's side.
     Errors: InputError where a value is out of range.

@@ -153,6 +153,11 @@ def bent_mm(board_xy: Floats, extent: Extent, bend: Bend) -> Floats:
     return bend[0] * ((board_xy - middle) @ across / half) ** 2
 
 
+_ROD_SLANT_DEG = -20.0
+_ROD_RADIUS = 2.5 / 219.4
+"""In radii of the working volume: a rod 5 mm thick on the paper's rig."""
+
+
 def _plane_for(rig: Rig) -> Scene:
     center, radius = working_volume(rig)
     return plane(float(center[2]), (12.0, -15.0), (1.6 * radius, 1.2 * radius), (float(center[0]), float(center[1])))
@@ -173,6 +178,20 @@ def _wedge_for(rig: Rig) -> Scene:
     return step_wedge(center, 0.1 * radius, 5, (1.5 * radius, radius))
 
 
+def _rod_for(rig: Rig) -> Scene:
+    """Return a plane with a thin rod that stands free before it, slanted across the baseline.
+
+    Along a row come plane, rod and plane, and the rod's projector column belongs between others of the plane.
+    """
+    center, radius = working_volume(rig)
+    x, y, z = (float(v) for v in center)
+    behind = plane(z + 0.15 * radius, (4.0, -6.0), (1.5 * radius, 1.1 * radius), (x, y))
+    angle = np.arctan2(*rig.projector_center[1::-1]) + np.radians(90 + _ROD_SLANT_DEG)
+    half = 0.5 * radius * np.array([np.cos(angle), np.sin(angle), 0.15])
+    middle = center - [0, 0, 0.2 * radius]
+    return Scene((*behind.surfaces, _bar(middle - half, middle + half, _ROD_RADIUS * radius, NEUTRAL)))
+
+
 def _free_form_for(rig: Rig, coloured: bool = False) -> Scene:
     center, radius = working_volume(rig)
     return free_form(center, radius / 178, coloured)
@@ -183,6 +202,7 @@ SCENES: dict[str, Callable[[Rig], Scene]] = {
     "sphere": _sphere_for,
     "dumbbell": _dumbbell_for,
     "step-wedge": _wedge_for,
+    "rod": _rod_for,
     "free-form": _free_form_for,
     "color-free-form": lambda rig: _free_form_for(rig, coloured=True),
 }
@@ -216,7 +236,9 @@ def _bar(start: Floats, end: Floats, radius_mm: float, albedo: npt.ArrayLike) ->
     across /= np.linalg.norm(across)
     angle = np.linspace(0, 2 * np.pi, 121)[:, None]
     ring = radius_mm * (np.cos(angle) * across + np.sin(angle) * np.cross(along, across))
-    return _net(np.stack([start + ring, end + ring]), albedo)
+    # The rims stand there twice, as creases between the side and the flat ends.
+    first, last = start + ring, end + ring
+    return _net(np.stack([start + 0 * ring, first, first, last, last, end + 0 * ring]), albedo)
 
 
 def _net(points: Floats, albedo: npt.ArrayLike | Print) -> Surface:

@@ -94,6 +94,32 @@ def test_options_reach_the_pipeline(slkit, calls, tmp_path: Path):
     assert outcome.out.splitlines()[-1] == f"report: {tmp_path / 'page' / 'report.html'}"
 
 
+def test_colors_go_into_the_rig(slkit, calls, tmp_path: Path, monkeypatch):
+    photometry = {"mixing": np.eye(3).tolist(), "evidence": {"size": [768, 576], "pixels": 9, "neutral": 1.0}}
+    photometry["evidence"] |= {"saturated": 0.0, "additivity": [0.0, -0.07, 0.01]}
+    photometry["warnings"] = ["the camera is not linear"]
+    monkeypatch.setattr(pipeline, "measure_photometry", lambda folder: photometry if folder == Path("c") else {})
+    outcome = slkit("calibrate", "calib", "--color", "c", "-o", tmp_path / "rig.json")
+    lines = outcome.out.splitlines()
+    assert "warning: the camera is not linear" in lines and lines[-1] == f"rig: {tmp_path / 'rig.json'}"
+    assert any("1.0000 0.0000 0.0000" in x for x in lines) and any("-7.0 %" in x for x in lines)
+    rig = read_rig(tmp_path / "rig.json")
+    assert rig.photometry is not None and read_provenance(tmp_path / "rig.json")["rms_px"]["joint"] == 0.1875
+    np.testing.assert_array_equal(rig.photometry["mixing"], np.eye(3))
+    assert (
+        slkit("calibrate", "calib", "--color", "c", "-o", tmp_path / "b.json", "--json").json["photometry"]
+        == photometry
+    )
+    photometry["evidence"]["size"] = [640, 480]
+    outcome = slkit("calibrate", "calib", "--color", "c", "-o", tmp_path / "d.json")
+    assert outcome.code == 2 and "640 x 480" in outcome.err and not (tmp_path / "d.json").exists()
+
+
+def test_wrong_colors_are_told_before_the_calibration(slkit, calls, tmp_path: Path):
+    outcome = slkit("calibrate", "calib", "--color", tmp_path / "none", "-o", tmp_path / "rig.json")
+    assert outcome.code == 2 and "there is no folder" in outcome.err and calls == []
+
+
 def test_faults_leave_no_file(slkit, tmp_path: Path):
     pipeline.projected_checkerboard((256, 192), tmp_path / "calib")
     command = ("calibrate", tmp_path / "calib", "-o", tmp_path / "rig.json")

@@ -32,6 +32,15 @@ def test_projected_boards(slkit, tmp_path: Path, name: str, projector: str):
     ]
 
 
+def test_colors(slkit, tmp_path: Path):
+    outcome = slkit("patterns", "color", "--projector", "32x24", "-o", tmp_path / "p")
+    assert outcome.code == 0 and outcome.out.startswith("5 patterns in ") and "named" in outcome.out
+    files = ["black.png", "blue.png", "green.png", "red.png", "slideshow.html", "white.png"]
+    assert sorted(p.name for p in (tmp_path / "p").iterdir()) == files
+    outcome = slkit("patterns", "color", "--projector", "32x24", "--set", "levels=[64]", "-o", tmp_path / "q", "--json")
+    assert outcome.json == {"patterns": 8, "folder": str(tmp_path / "q")}
+
+
 def test_faults(slkit, tmp_path: Path):
     for arguments, words in (
         (("gray",), "--projector 1024x768"),
@@ -44,6 +53,8 @@ def test_faults(slkit, tmp_path: Path):
         (("charuco", "--projector", "256x192"), "too small"),
         (("charuco", "--projector", "480x320", "--set", "a=1"), "no parameters"),
         (("charuco",), "--projector 1024x768"),
+        (("color",), "--projector 1024x768"),
+        (("color", "--projector", "64x48", "--set", "levels=[0]"), "levels must be from 1 to 254"),
     ):
         outcome = slkit("patterns", *arguments, "-o", tmp_path / "p" / "q")
         assert (outcome.code, outcome.out) == (2, "")

@@ -1,9 +1,11 @@
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from slkit import pipeline
+from slkit import pipeline, registry
+from slkit.data import Frames
 from slkit.errors import InputError
 from slkit.files import read_capture, read_image, read_rig
 from slkit.geometry import Pose, Rig
@@ -35,6 +37,33 @@ def test_several_codecs_see_one_scene(tmp_path: Path, small_rig: Rig):
         pipeline.simulate_scan(tmp_path / "t", small_rig, "plane", ["gray", "gray"])
     with pytest.raises(InputError, match="no scene called 'cube'; there are: plane"):
         pipeline.simulate_scan(tmp_path / "t", small_rig, "cube")
+
+
+@dataclass(frozen=True)
+class Bands:
+    """A codec of coloured patterns, as far as a simulation asks for one."""
+
+    projector: tuple[int, int]
+    grey: bool = False
+
+    def encode(self) -> Frames:
+        pattern = np.zeros((self.projector[1], self.projector[0], 3), np.uint8)
+        pattern[..., 0] = 255
+        return Frames.of([pattern[..., 0] if self.grey else pattern], ["bands"])
+
+
+@pytest.mark.parametrize("grey", [True, False])
+def test_coloured_patterns_make_coloured_pictures(tmp_path: Path, small_rig: Rig, monkeypatch, grey: bool):
+    monkeypatch.setattr(registry, "load", lambda group, name: Bands)
+    optics = replace(QUIET, crosstalk=0.1, ambient=0.0, black_level=0.0)
+    pipeline.simulate_scan(tmp_path / "s", small_rig, "plane", ["bands"], {"grey": grey}, optics)
+    picture = read_image(tmp_path / "s" / "000_bands.png")
+    assert picture.ndim == (2 if grey else 3)
+    if not grey:
+        red, green, blue = picture[picture[..., 0] > 60].astype(float).mean(axis=0)
+        assert green / red == pytest.approx(1 / 8, abs=0.5 / red) and blue == green
+    pipeline.simulate_scan(tmp_path / "t", small_rig, "plane", ["bands"], {"grey": grey}, replace(optics, color=True))
+    assert read_image(tmp_path / "t" / "000_bands.png").ndim == 3
 
 
 def test_a_mesh_file_is_a_scene(tmp_path: Path, small_rig: Rig):

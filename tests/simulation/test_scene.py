@@ -5,6 +5,7 @@ from slkit.errors import InputError
 from slkit.geometry import Pose, Rig
 from slkit.simulation import (
     SCENES,
+    SimulatedScanner,
     board,
     build,
     dumbbell,
@@ -84,6 +85,35 @@ def test_a_step_wedge_has_equal_steps_and_its_risers() -> None:
     assert len(scene.surfaces) == 7 and (spans[:, 0] == 0).sum() == 3
     with pytest.raises(InputError, match="at least one step"):
         step_wedge([0, 0, 1000], 12.0, 0)
+
+
+def test_the_rod_stands_free_hides_shades_and_reverses_the_order() -> None:
+    rig = paper_rig()
+    scanner = SimulatedScanner(build("rod", rig), rig)
+    sheet, rod = (surface.vertices for surface in scanner.scene.surfaces)
+    first, last = rod[0], rod[-1]
+    along = (last - first) / np.linalg.norm(last - first)
+    away = np.linalg.norm(np.cross(rod - first, along), axis=1)
+    assert 2 * away.max() == pytest.approx(5, abs=0.01), "5 mm thick on the paper's rig, and closed at its ends"
+    assert np.isclose(away, 0).any() and rod[:, 2].max() < sheet[:, 2].min() - 20
+    truth = scanner.truth()
+    column = np.full(truth.lit.shape, np.nan)
+    depth = column.copy()
+    x, y = truth.camera_xy.astype(int).T
+    column[y, x], depth[y, x] = truth.projector_xy[:, 0], truth.xyz_mm[:, 2]
+    front = depth < sheet[:, 2].min() - 20
+    rows = np.flatnonzero(front.any(axis=1))
+    assert len(rows) > 0.6 * np.ptp(y)
+    shaded, shadows = truth.visible & ~truth.lit, 0
+    for row in rows:
+        here = np.flatnonzero(front[row])
+        assert len(here) < 12, "the rod is thin"
+        left, right = column[row, : here[0]], column[row, here[-1] + 1 :]
+        assert np.isfinite(left).sum() > 20 and np.isfinite(right).sum() > 20, "plane, rod, plane"
+        assert np.nanmin(right) < np.nanmax(column[row, here]) or np.nanmax(left) > np.nanmin(column[row, here])
+        # The projector stands on the left: the shadow falls on the plane to the right of the rod.
+        shadows += shaded[row, here[-1] + 10 : here[-1] + 80].sum() > 2
+    assert shadows > 0.9 * len(rows)
 
 
 def test_a_mesh_is_placed_and_fitted() -> None:
