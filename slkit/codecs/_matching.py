@@ -1,0 +1,159 @@
+"""Which stripe of a known sequence each observed slit shows: dynamic programming over a scan line."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+Singles = npt.NDArray[np.float32]
+Wholes = npt.NDArray[np.int32]
+_NEVER = np.float32(-1e9)
+_KNOWN = np.float32(4.0)
+# Passing over more stripes than so many beyond the room there is costs more than going anywhere.
+_STEPS = 2
+MOST_ROOM = 4
+# Labels before the first and behind the last that nothing can have: shifts stay inside the arrays.
+_EDGE = 1 + MOST_ROOM + _STEPS
+# Nothing here is ever NaN, and the order of a maximum does not matter: loops over labels run in parallel lanes.
+_LANES = {"nnan", "nsz", "reassoc"}
+
+
+@numba.njit(cache=True, nogil=True)
+def match_lines(
+    starts: npt.NDArray[np.int64],
+    scores: Singles,
+    room: Wholes,
+    kinds: Wholes,
+    allowed: Wholes,
+    fixed: Wholes,
+    together: bool,
+    prices: tuple[float, float, float],
+    label: Wholes,
+    margin: Singles,
+) -> None:
+    """Match the slits of every scan line to a sequence, and write the best label and how sure it is.
+
+    starts (h + 1,): where each line's slits begin; scores (m, k): log-likelihood ratio of each kind against "no slit of
+    the pattern"; room (m,): how many unseen stripes the gap before a slit has room for, at most MOST_ROOM; kinds (n,):
+    the sequence; allowed (m, 2): first and last label that may be, last < first for none; fixed (m,): labels known
+    already, -1 for none. together: fixed slits hold their place in the order; else the others are matched as if they
+    were not there. Every stripe passed over more or less than there is room for costs prices[0] nats, going anywhere
+    else, back included, prices[1], a label that another slit of the line has prices[2]. label (m,): -1 for none; margin
+    (m,): how much worse, in nats, the best solution is in which the slit has another label or none.
+    Source: dynamic programming after Monks, Carter and Shadle (1992) and Zhang, Curless and Seitz (2002), with
+    max-marginals for the margin.
+    """
+    longest = 0
+    for row in range(len(starts) - 1):
+        longest = max(longest, starts[row + 1] - starts[row])
+    shape = (longest + 1, len(kinds) + 2 * _EDGE)
+    own, here, before = np.full(shape, _NEVER), np.full(shape, _NEVER), np.full(shape, _NEVER)
+    toll = np.zeros(len(kinds), dtype=np.float32)
+    for row in range(len(starts) - 1):
+        first, last = starts[row], starts[row + 1]
+        undecided = 0
+        toll[:] = 0
+        for i in range(first, last):
+            if fixed[i] >= 0:
+                toll[fixed[i]] = prices[2]
+            else:
+                undecided += 1
+        if undecided:
+            for i in range(first, last):
+                if fixed[i] < 0:
+                    _own_scores(scores[i], kinds, allowed[i, 0], allowed[i, 1], toll, own[i - first])
+                else:
+                    own[i - first] = _NEVER
+                    if together:
+                        own[i - first, _EDGE + fixed[i]] = scores[i, kinds[fixed[i]]]
+            _forward(own, room[first:last], prices, here, before)
+            _backward(own, room[first:last], prices, here, before, label[first:last], margin[first:last])
+        for i in range(first, last):
+            if fixed[i] >= 0:
+                label[i], margin[i] = fixed[i], _KNOWN
+
+
+@numba.njit(cache=True, nogil=True, fastmath=_LANES)
+def _own_scores(scores: Singles, kinds: Wholes, low: int, high: int, toll: Singles, own: Singles) -> None:
+    """Write what each label adds by itself, between the edges."""
+    own[:] = _NEVER
+    for j in range(low, high + 1):
+        own[_EDGE + j] = scores[kinds[j]] - toll[j]
+
+
+@numba.njit(cache=True, nogil=True, fastmath=_LANES)
+def _come(value: Singles, room: int, sign: int, skip: float, least: float, come: Singles) -> None:
+    """Write the best of value[j - sign * (1 + room + d)] - skip * |d| over few steps d, and not less than `least`."""
+    count = len(value) - 2 * _EDGE
+    come[:] = np.float32(least)
+    for d in range(-min(room, _STEPS), _STEPS + 1):
+        shift = _EDGE - sign * (1 + room + d)
+        price = np.float32(abs(d) * skip)
+        source = value[shift : shift + count]
+        for j in range(count):
+            come[j] = max(come[j], source[j] - price)
+
+
+@numba.njit(cache=True, nogil=True, fastmath=_LANES)
+def _forward(own: Singles, room: Wholes, prices: tuple[float, float, float], here: Singles, before: Singles) -> None:
+    """Write the best score of the slits up to each that has a label, here, and of those before each, before.
+
+    before[i, j]: the best of the slits before i of which the last matched one is j.
+    """
+    count = own.shape[1] - 2 * _EDGE
+    come = np.empty(count, dtype=np.float32)
+    before[0] = _NEVER
+    for i in range(len(room)):
+        far = _NEVER
+        earlier, later = before[i, _EDGE : _EDGE + count], before[i + 1, _EDGE : _EDGE + count]
+        mine, ended = own[i, _EDGE : _EDGE + count], here[i, _EDGE : _EDGE + count]
+        for j in range(count):
+            far = max(far, earlier[j])
+        _come(before[i], room[i], 1, prices[0], max(float(far) - prices[1], 0.0), come)
+        for j in range(count):
+            ended[j] = come[j] + mine[j]
+            later[j] = max(earlier[j], ended[j])
+
+
+@numba.njit(cache=True, nogil=True, fastmath=_LANES)
+def _backward(
+    own: Singles,
+    room: Wholes,
+    prices: tuple[float, float, float],
+    here: Singles,
+    before: Singles,
+    label: Wholes,
+    margin: Singles,
+) -> None:
+    """Walk back from the last slit: write each one's best label and the margin over everything else it might be.
+
+    after[j]: the best that the slits behind add when the last matched one is j.
+    """
+    count = own.shape[1] - 2 * _EDGE
+    after, come = np.zeros(count, dtype=np.float32), np.empty(count, dtype=np.float32)
+    value = np.full(own.shape[1], _NEVER)
+    rest = np.float32(0)
+    for i in range(len(room) - 1, -1, -1):
+        without, best, far = rest, _NEVER, _NEVER
+        earlier, ended = before[i, _EDGE : _EDGE + count], here[i, _EDGE : _EDGE + count]
+        mine, joined = own[i, _EDGE : _EDGE + count], value[_EDGE : _EDGE + count]
+        for j in range(count):
+            without = max(without, earlier[j] + after[j])
+            ended[j] += after[j]
+            best = max(best, ended[j])
+            joined[j] = after[j] + mine[j]
+            far = max(far, joined[j])
+        chosen = 0
+        while ended[chosen] < best:
+            chosen += 1
+        ended[chosen] = _NEVER
+        second = _NEVER
+        for j in range(count):
+            second = max(second, ended[j])
+        margin[i] = best - max(second, without)
+        label[i] = chosen if margin[i] > 0 else -1
+        rest = max(rest, far)
+        _come(value, room[i], -1, prices[0], float(far) - prices[1], come)
+        for j in range(count):
+            after[j] = max(after[j], come[j])

@@ -1,0 +1,82 @@
+"""How likely each colour of a projector is where a camera saw a slit."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+Singles = npt.NDArray[np.float32]
+
+# Spread of a slit's colour about the ideal one, as a share of its strongest channel, beyond what noise explains.
+_SPREAD = 0.16
+# A channel is not believed to be reflected less than this share as well as the strongest one.
+_LEAST_ALBEDO = 0.25
+# A single slit says at most so much against a colour, in nats: it may be damaged.
+_FLOOR = np.float32(-6.0)
+# So many sure slits tell what a colour looks like to this camera.
+_LEARNED_FROM = 30
+
+
+def local_white(row: npt.NDArray[np.int32], col: Singles, light: Singles, cell: tuple[float, float]) -> Singles:
+    """Return what white light would give at each slit (m, 3): the strongest of each channel among the slits around.
+
+    row, col (m,) px; light (m, 3); cell: height and width in px of the neighbourhood. Of a few neighbouring slits some
+    show each channel, so that its maximum is what the surface reflects of it. Bounded, for a surface that reflects a
+    channel hardly at all cannot be told from one that no light of it reached.
+    """
+    rows, cols = (row / cell[0]).astype(np.intp), (np.maximum(col, 0) / cell[1]).astype(np.intp)
+    shape = (int(rows.max(initial=0)) + 1, int(cols.max(initial=0)) + 3)
+    cells = np.zeros((*shape, 3), dtype=np.float32)
+    _strongest(rows, cols + 1, light, cells)
+    grown = np.maximum(np.maximum(cells[:, :-2], cells[:, 1:-1]), cells[:, 2:])
+    result = grown[rows, cols]
+    typical = np.median(result, axis=0) if len(result) else np.ones(3, np.float32)
+    typical = np.maximum(typical, 1e-3 * max(float(typical.max()), 1e-6))
+    relative = result / typical
+    relative = np.maximum(relative, _LEAST_ALBEDO * relative.max(axis=1, keepdims=True))
+    return (np.maximum(relative, 1e-6) * typical).astype(np.float32)
+
+
+def score_colors(light: Singles, noise: Singles, ideal: Singles, signed: bool) -> Singles:
+    """Return how much better each colour explains a slit than "any colour", as log-likelihood ratios (m, k) in nats.
+
+    light (m, 3): white-balanced; noise (m,): its 1 sigma; ideal (k, 3): the colours, strongest channel 1, or with
+    `signed` changes of colour. They are learned anew from the slits that are sure, since cameras mix channels.
+    Source: the linear mixing model of Caspi, Kiryati and Shamir (1998), a Gaussian about each colour.
+    """
+    result = np.empty((len(light), len(ideal)), dtype=np.float32)
+    strongest = np.abs(light).max(axis=1, initial=0)
+    chroma = light / np.maximum(strongest, np.float32(1e-6))[:, None]
+    relative = (noise / np.maximum(strongest, np.float32(1e-6))).astype(np.float32)
+    # With the strongest channel at 1 colours fill three unit squares, changes of colour six squares of side 2.
+    room = 24.0 if signed else 3.0
+    _score(chroma, relative, ideal, room, result)
+    best = np.where((result.max(axis=1, initial=-9) > 1) & (relative < 0.1), result.argmax(axis=1), -1)
+    learned = ideal.copy()
+    for k in range(len(ideal)):
+        own = chroma[best == k]
+        if len(own) >= _LEARNED_FROM:
+            learned[k] = np.median(own, axis=0)
+    _score(chroma, relative, learned, room, result)
+    return result
+
+
+@numba.njit(cache=True, nogil=True)
+def _strongest(rows: npt.NDArray[np.intp], cols: npt.NDArray[np.intp], light: Singles, cells: Singles) -> None:
+    for i in range(len(light)):
+        for channel in range(3):
+            cells[rows[i], cols[i], channel] = max(cells[rows[i], cols[i], channel], abs(light[i, channel]))
+
+
+@numba.njit(cache=True, nogil=True)
+def _score(chroma: Singles, noise: Singles, ideal: Singles, room: float, out: Singles) -> None:
+    for i in range(len(chroma)):
+        # Dividing by the strongest channel adds its noise to that of the others.
+        variance = _SPREAD**2 + 1.5 * noise[i] ** 2
+        height = np.log(room / (2 * np.pi * variance))
+        for k in range(len(ideal)):
+            distance = 0.0
+            for channel in range(3):
+                distance += (chroma[i, channel] - ideal[k, channel]) ** 2
+            out[i, k] = max(np.float32(height - distance / (2 * variance)), _FLOOR)

@@ -1,0 +1,239 @@
+"""Colour stripes: coloured slits in an order in which every few neighbours occur once, read from a single picture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from slkit.codecs._color_pattern import (
+    HUES,
+    PALETTE,
+    Features,
+    Layout,
+    Style,
+    Transitions,
+    default_sequence,
+    features,
+    layout,
+)
+from slkit.codecs._debruijn import least_distance, repeated_window
+from slkit.codecs._masks import Reader, colors_at, measure_light
+from slkit.data import Correspondences, Float32s, Frames, Image
+from slkit.errors import DecodeError, InputError
+from slkit.geometry import as_size
+from slkit.protocols import Bounds
+
+if TYPE_CHECKING:
+    from slkit.codecs._view_slits import Slits
+
+_REFERENCES = ("white", "black")
+_WHITE_ROWS, _WHITE_SLITS = 24.0, 4.0
+# Neighbouring rows see the same surface and err together: so many count as one.
+_CORRELATED_ROWS = 5.0
+
+
+@dataclass(frozen=True)
+class Windows:
+    """What makes a sequence unique: how many windows it has, and in how many places two of them differ at least."""
+
+    windows: int
+    distance: int
+
+
+@dataclass(frozen=True)
+class ColorStripes:
+    """One picture of coloured slits, `width` px wide and `gap` px apart, in which every `window` neighbours occur once.
+
+    projector (width, height) px. axes: "x" finds columns, "y" rows. colors: names, see `PALETTE`, neighbours differ;
+    transitions: "switch" lets only colours follow each other of which one channel goes off and another on. width,
+    gap: px, default 4 and as little above 8 as makes the sequence cover the projector; first: px, where the first slit
+    begins. sequence: places in `colors`, for a pattern made elsewhere, default the longest that exists. style "edges":
+    stripes of all eight colours without gaps, of which the borders are found, three changes a window. references: white
+    and black are shown first and cancel the object's own colour. photometry: what `slkit rig color` measured, see
+    `slkit.calibration.photometry`, or None: then the colours are learned from the picture itself.
+
+    min_snr: contrast of a slit in units of the noise; min_contrast: the same as a share of its height.
+
+    Errors: InputError where a parameter is out of range or a window occurs twice.
+    Source: Monks, Carter and Shadle, Colour-encoded structured light for digitisation of real-time 3D data (1992);
+    edges: Zhang, Curless and Seitz, Rapid shape acquisition using color structured light (2002).
+    """
+
+    projector: tuple[int, int]
+    axes: Literal["x", "y"] = "x"
+    colors: tuple[str, ...] = ()
+    window: int = 3
+    transitions: Transitions = "any"
+    width: int | None = None
+    gap: int | None = None
+    first: int = 0
+    sequence: tuple[int, ...] = ()
+    style: Style = "slits"
+    references: bool = False
+    min_snr: float = 5.0
+    min_contrast: float = 0.15
+    photometry: Any = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "projector", as_size(self.projector, "projector"))
+        object.__setattr__(self, "colors", self.colors or (HUES if self.style == "slits" else tuple(PALETTE)))
+        unknown = [c for c in self.colors if c not in PALETTE]
+        if unknown or len(set(self.colors)) < len(self.colors) or len(self.colors) < 3:
+            raise InputError(f"colors must be three or more different ones of {', '.join(PALETTE)}")
+        if self.style == "slits" and "black" in self.colors:
+            raise InputError("black slits cannot be seen: leave black out of colors")
+        if self.window < 2:
+            raise InputError(f"window must be at least 2, not {self.window}")
+        if not all(0 <= s < len(self.colors) for s in self.sequence):
+            raise InputError(f"sequence must name places in colors, 0 to {len(self.colors) - 1}")
+        if not 0 <= self.first < self._extent:
+            raise InputError(f"first must lie inside the image, 0 to {self._extent - 1}, not {self.first}")
+        if not (self.min_snr > 0 and 0 < self.min_contrast < 1):
+            raise InputError("min_snr must be positive, and min_contrast between 0 and 1")
+        self._check_layout()
+
+    def _check_layout(self) -> None:
+        layout = self._layout
+        if layout.width < 1 or layout.gap < (self.style == "slits") or (self.style == "edges" and layout.gap):
+            raise InputError("width and gap must be at least 1 px, and edges have no gap")
+        if len(layout.stripes) < self.window + 2:
+            raise InputError(f"only {len(layout.stripes)} stripes of {layout.width} + {layout.gap} px fit in the image")
+        self.validate()
+
+    def validate(self) -> Windows:
+        """Return how many windows the pattern has and how much they differ. Errors: InputError where two are equal."""
+        kinds = self._features.kinds.tolist()
+        equal = repeated_window(kinds, self.window)
+        if equal is not None:
+            raise InputError(f"the {self.window} stripes from {equal[0]} and from {equal[1]} on have the same colours")
+        return Windows(len(kinds) - self.window + 1, least_distance(kinds, self.window))
+
+    def encode(self) -> Frames:
+        """Return the picture of stripes, RGB, after white and black where references are wanted."""
+        extent, (wide, high) = self._extent, self.projector
+        line = np.zeros((extent, 3), dtype=np.uint8)
+        layout = self._layout
+        for place, color in enumerate(layout.stripes):
+            start = self.first + place * layout.period
+            line[start : start + layout.width] = 255 * np.array(PALETTE[self.colors[color]], dtype=np.uint8)
+        shape = (high, wide, 3)
+        stripes = np.broadcast_to(line[None] if self.axes == "x" else line[:, None], shape)
+        flat = [np.full(shape, level, np.uint8) for level in (255, 0)] if self.references else []
+        return Frames.of([*flat, np.ascontiguousarray(stripes)], self._names())
+
+    def decode(self, frames: Frames, bounds: Bounds | None = None) -> Correspondences:
+        """Return the centres of the slits that could be told apart.
+
+        bounds (h, w, 4): stripes outside are ruled out. Errors: InputError where frames do not fit the patterns or are
+        grey, DecodeError where there are no slits.
+        """
+        from slkit.codecs._slit_colors import local_white, score_colors
+        from slkit.codecs._stripe_labels import label_slits
+        from slkit.codecs._view_slits import along_columns, see_slits
+
+        picture, lit = self._read(frames)
+        turned = along_columns(picture)
+        seen: Any = np.ascontiguousarray(picture.transpose(1, 0, 2)) if turned else picture
+        edges = self.style == "edges"
+        slits = see_slits(seen, edges, self.min_snr, self.min_contrast)
+        if not len(slits):
+            raise DecodeError(
+                "there are no coloured slits: was the pattern projected, and is the exposure long enough?"
+            )
+        light = slits.light @ self._unmixing()
+        light = light if edges else np.maximum(light, 0)
+        around = (_WHITE_ROWS, _WHITE_SLITS * slits.spacing)
+        white = np.ones_like(light) if self.references else local_white(slits.row, slits.col, light, around)
+        scores = score_colors(light / white, slits.noise / white.max(axis=1), self._features.ideal, edges)
+        label, ahead = label_slits(slits, scores, self._features.kinds, self._allowed(slits, bounds, turned))
+        color = white / max(float(white.max()), 1e-6) if lit is None else colors_at(lit, slits.xy(turned))
+        return self._found(slits, label, ahead, turned, color)
+
+    def lit(self, frames: Frames) -> Image:
+        """Return the fully lit picture (h, w, 3): white, or the brightest of each channel around a pixel."""
+        import cv2
+
+        if self.references:
+            return Reader(frames, self._names()).color(0)
+        picture = Reader(frames, self._names()).color(0)
+        side = 2 * self._layout.period + 1
+        grown: Any = cv2.dilate(picture, np.ones((side, side), np.uint8))
+        return grown
+
+    @cached_property
+    def _layout(self) -> Layout:
+        return layout(self.style, self._sequence, self.width, self.gap, self._extent - self.first)
+
+    @cached_property
+    def _features(self) -> Features:
+        return features(self.style, self.colors, self._layout)
+
+    @property
+    def _sequence(self) -> tuple[int, ...]:
+        return self.sequence or default_sequence(self.style, self.colors, self.window, self.transitions)
+
+    @property
+    def _extent(self) -> int:
+        return self.projector[self.axes == "y"]
+
+    def _names(self) -> list[str]:
+        return [*(_REFERENCES if self.references else ()), "stripes"]
+
+    def _read(self, frames: Frames) -> tuple[Image | Float32s, Image | None]:
+        """Return the picture of stripes, as a share of white - black where there are references, and white or None."""
+        reader = Reader(frames, self._names())
+        pictures = [reader.color(i) for i in range(len(frames))]
+        if pictures[-1].ndim != 3:
+            raise InputError(f"frame {frames.names[-1]} is grey, but colour stripes need colour pictures")
+        if not self.references:
+            return pictures[0], None
+        white, black, stripes = pictures
+        light = measure_light(white, black, self.min_snr)
+        low, span = black.astype(np.float32), white.astype(np.float32) - black
+        share = (stripes - low) / np.maximum(span, np.float32(1))
+        return np.where(light.mask[:, :, None], np.clip(share, 0, 2), 0).astype(np.float32), white
+
+    def _unmixing(self) -> Float32s:
+        """Return the matrix (3, 3) that takes seen colours, as rows, to projected ones."""
+        if self.photometry is None:
+            return np.eye(3, dtype=np.float32)
+        return np.linalg.inv(np.asarray(self.photometry["mixing"], dtype=np.float64)).T.astype(np.float32)
+
+    def _center(self, label: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+        """Return the projector position in px of labels (m,)."""
+        return self.first + self._features.offset + self._layout.period * label.astype(np.float64)
+
+    def _allowed(self, slits: Slits, bounds: Bounds | None, turned: bool) -> npt.NDArray[np.int32]:
+        """Return the first and the last label (m, 2) that bounds allow, last < first for none."""
+        count = len(self._features.kinds)
+        result = np.tile(np.array([0, count - 1], dtype=np.int32), (len(slits), 1))
+        if bounds is None:
+            return result
+        xy = np.rint(slits.xy(turned)).astype(np.intp)
+        limits = bounds[np.minimum(xy[:, 1], bounds.shape[0] - 1), np.minimum(xy[:, 0], bounds.shape[1] - 1)]
+        limits = (limits[:, 2:] if self.axes == "y" else limits[:, :2]) - float(self._center(np.zeros(1))[0])
+        known = np.isfinite(limits).all(axis=1)
+        places = np.nan_to_num(limits / self._layout.period)
+        result[:, 0] = np.maximum(np.ceil(places[:, 0] - 0.5), 0)
+        result[:, 1] = np.where(known, np.minimum(np.floor(places[:, 1] + 0.5), count - 1), -1)
+        return result
+
+    def _found(
+        self, slits: Slits, label: npt.NDArray[np.int32], ahead: Float32s, turned: bool, color: npt.NDArray[Any]
+    ) -> Correspondences:
+        from slkit.codecs._slit_quality import pace, regular
+
+        good = regular(slits, label)
+        keep, axis = good.keep, 1 if self.axes == "y" else 0
+        value, sigma = (np.full((int(keep.sum()), 2), np.nan, dtype=np.float32) for _ in range(2))
+        value[:, axis] = self._center(label[keep])
+        steep = self._layout.period * np.abs(pace(slits, label, keep)[keep])
+        sigma[:, axis] = steep * np.hypot(slits.sigma_col, good.doubt)[keep]
+        confidence = 1 / (1 + np.exp(-ahead[keep] / _CORRELATED_ROWS))
+        return Correspondences(
+            slits.xy(turned)[keep], value, sigma, confidence.astype(np.float32), color[keep].astype(np.float32)
+        )
