@@ -10,6 +10,8 @@ Singles = npt.NDArray[np.float32]
 Wholes = npt.NDArray[np.int32]
 _NEVER = np.float32(-1e9)
 _KNOWN = np.float32(4.0)
+# No order of the others is worth leaving out a slit that has its label.
+_SURELY = np.float32(1e3)
 # Passing over more stripes than so many beyond the room there is costs more than going anywhere.
 _STEPS = 2
 MOST_ROOM = 4
@@ -50,28 +52,80 @@ def match_lines(
     shape = (longest + 1, len(kinds) + 2 * _EDGE)
     own, here, before = np.full(shape, _NEVER), np.full(shape, _NEVER), np.full(shape, _NEVER)
     toll = np.zeros(len(kinds), dtype=np.float32)
+    chain = np.empty(longest, dtype=np.int64)
+    found, sure = np.empty(longest, dtype=np.int32), np.empty(longest, dtype=np.float32)
+    gaps = np.empty(longest, dtype=np.int32)
     for row in range(len(starts) - 1):
         first, last = starts[row], starts[row + 1]
-        undecided = 0
         toll[:] = 0
         for i in range(first, last):
             if fixed[i] >= 0:
                 toll[fixed[i]] = prices[2]
-            else:
-                undecided += 1
-        if undecided:
-            for i in range(first, last):
-                if fixed[i] < 0:
-                    _own_scores(scores[i], kinds, allowed[i, 0], allowed[i, 1], toll, own[i - first])
-                else:
-                    own[i - first] = _NEVER
-                    if together:
-                        own[i - first, _EDGE + fixed[i]] = scores[i, kinds[fixed[i]]]
-            _forward(own, room[first:last], prices, here, before)
-            _backward(own, room[first:last], prices, here, before, label[first:last], margin[first:last])
-        for i in range(first, last):
-            if fixed[i] >= 0:
                 label[i], margin[i] = fixed[i], _KNOWN
+        i = first
+        while i < last:
+            i, count = _next_chain(fixed, first, i, last, together, chain)
+            if not count:
+                continue
+            for k in range(count):
+                slit = chain[k]
+                gaps[k] = room[slit]
+                if fixed[slit] < 0:
+                    _own_scores(scores[slit], kinds, allowed[slit, 0], allowed[slit, 1], toll, own[k])
+                else:
+                    own[k] = _NEVER
+                    own[k, _EDGE + fixed[slit]] = _SURELY
+            _forward(own, gaps[:count], prices, here, before)
+            _backward(own, gaps[:count], prices, here, before, found, sure)
+            for k in range(count):
+                if fixed[chain[k]] < 0:
+                    label[chain[k]], margin[chain[k]] = found[k], sure[k]
+
+
+@numba.njit(cache=True, nogil=True)
+def _next_chain(
+    fixed: Wholes, first: int, i: int, last: int, together: bool, chain: npt.NDArray[np.int64]
+) -> tuple[int, int]:
+    """Write which slits from i on are to be matched next, and return where to go on and how many they are.
+
+    Slits without a label, up to the next one that has its place: the labels on both sides are all that matters to them.
+    """
+    count = 0
+    while i < last and fixed[i] >= 0:
+        i += 1
+    if i == last:
+        return last, 0
+    if together and i > first and fixed[i - 1] >= 0:
+        chain[0] = i - 1
+        count = 1
+    while i < last and (fixed[i] < 0 or not together):
+        if fixed[i] < 0:
+            chain[count] = i
+            count += 1
+        i += 1
+    if i < last:
+        chain[count] = i
+        count += 1
+    return i, count
+
+
+@numba.njit(cache=True, nogil=True, fastmath=_LANES)
+def _largest(values: Singles, folded: Singles) -> float:
+    """Return the largest of values (n,), by folding them in half: a plain loop would wait for every comparison."""
+    count = (len(values) + 1) // 2
+    other = values[len(values) - count :]
+    for j in range(count):
+        folded[j] = max(values[j], other[j])
+    while count > 8:
+        half = (count + 1) // 2
+        other = folded[count - half : count]
+        for j in range(half):
+            folded[j] = max(folded[j], other[j])
+        count = half
+    best = folded[0]
+    for j in range(1, count):
+        best = max(best, folded[j])
+    return best
 
 
 @numba.njit(cache=True, nogil=True, fastmath=_LANES)
@@ -102,15 +156,12 @@ def _forward(own: Singles, room: Wholes, prices: tuple[float, float, float], her
     before[i, j]: the best of the slits before i of which the last matched one is j.
     """
     count = own.shape[1] - 2 * _EDGE
-    come = np.empty(count, dtype=np.float32)
+    come, folded = np.empty(count, dtype=np.float32), np.empty(count, dtype=np.float32)
     before[0] = _NEVER
     for i in range(len(room)):
-        far = _NEVER
         earlier, later = before[i, _EDGE : _EDGE + count], before[i + 1, _EDGE : _EDGE + count]
         mine, ended = own[i, _EDGE : _EDGE + count], here[i, _EDGE : _EDGE + count]
-        for j in range(count):
-            far = max(far, earlier[j])
-        _come(before[i], room[i], 1, prices[0], max(float(far) - prices[1], 0.0), come)
+        _come(before[i], room[i], 1, prices[0], max(_largest(earlier, folded) - prices[1], 0.0), come)
         for j in range(count):
             ended[j] = come[j] + mine[j]
             later[j] = max(earlier[j], ended[j])
@@ -132,28 +183,26 @@ def _backward(
     """
     count = own.shape[1] - 2 * _EDGE
     after, come = np.zeros(count, dtype=np.float32), np.empty(count, dtype=np.float32)
+    skipped, folded = np.empty(count, dtype=np.float32), np.empty(count, dtype=np.float32)
     value = np.full(own.shape[1], _NEVER)
-    rest = np.float32(0)
+    rest = 0.0
     for i in range(len(room) - 1, -1, -1):
-        without, best, far = rest, _NEVER, _NEVER
         earlier, ended = before[i, _EDGE : _EDGE + count], here[i, _EDGE : _EDGE + count]
         mine, joined = own[i, _EDGE : _EDGE + count], value[_EDGE : _EDGE + count]
         for j in range(count):
-            without = max(without, earlier[j] + after[j])
+            skipped[j] = earlier[j] + after[j]
             ended[j] += after[j]
-            best = max(best, ended[j])
             joined[j] = after[j] + mine[j]
-            far = max(far, joined[j])
-        chosen = 0
-        while ended[chosen] < best:
-            chosen += 1
-        ended[chosen] = _NEVER
-        second = _NEVER
-        for j in range(count):
-            second = max(second, ended[j])
-        margin[i] = best - max(second, without)
-        label[i] = chosen if margin[i] > 0 else -1
+        best, without, far = _largest(ended, folded), max(rest, _largest(skipped, folded)), _largest(joined, folded)
+        label[i], margin[i] = -1, best - without
+        if best > without:
+            chosen = 0
+            while ended[chosen] < best:
+                chosen += 1
+            ended[chosen] = _NEVER
+            margin[i] = best - max(_largest(ended, folded), without)
+            label[i] = chosen if margin[i] > 0 else -1
         rest = max(rest, far)
-        _come(value, room[i], -1, prices[0], float(far) - prices[1], come)
+        _come(value, room[i], -1, prices[0], far - prices[1], come)
         for j in range(count):
             after[j] = max(after[j], come[j])
