@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import time
 from pathlib import Path
@@ -10,17 +11,25 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from slkit.cli._common import JsonOption, SetOption, number, parse_settings, print_json, progress_bar
+from slkit.errors import InputError
 
 if TYPE_CHECKING:
+    from slkit.geometry import Rig
     from slkit.pipeline import ScanResult
 
 
 def scan(
-    folder: Annotated[Path, typer.Argument(metavar="SCAN_DIR", help="A folder with a capture.toml and the pictures.")],
+    folder: Annotated[
+        Path,
+        typer.Argument(metavar="SCAN_DIR", help="A folder with a capture.toml and the pictures, or a video beside it."),
+    ],
     rig: Annotated[Path, typer.Option("--rig", metavar="FILE", help="The rig that `slkit calibrate` wrote.")],
     output: Annotated[
         Path, typer.Option("-o", "--output", metavar="FILE", help="The cloud; its ending is the format.")
     ],
+    sequence: Annotated[
+        bool, typer.Option("--sequence", help="A cloud of every picture, or of every set of them, into the folder -o.")
+    ] = False,
     settings: SetOption = None,
     depth: Annotated[
         tuple[float, float] | None, typer.Option("--depth", metavar="MIN MAX", help="Depths in mm that can occur.")
@@ -35,6 +44,10 @@ def scan(
     from slkit import pipeline
     from slkit.files import read_rig
 
+    if sequence:
+        off = ["isolated", *(no_filter or ())]
+        _scan_sequence(folder, read_rig(rig), output, parse_settings(settings), depth, off, normals, as_json)
+        return
     pipeline.exporter(output)
     filters = pipeline.make_filters(no_filter or ())
     with progress_bar() as progress:
@@ -45,6 +58,33 @@ def scan(
     pipeline.write_cloud(output, result.cloud)
     seconds = {**result.seconds, "write": time.perf_counter() - started}
     _report(result, seconds, output, as_json)
+
+
+def _scan_sequence(
+    source: Path,
+    rig: Rig,
+    folder: Path,
+    settings: dict[str, Any],
+    depth: tuple[float, float] | None,
+    off: list[str],
+    normals: bool,
+    as_json: bool,
+) -> None:
+    from slkit import pipeline
+
+    if normals:
+        raise InputError("--normals is for single scans: a sequence has none")
+    filters = pipeline.make_filters(off)
+    with progress_bar() as progress:
+        result = pipeline.scan_sequence(source, rig, folder, settings, depth, filters, progress)
+    rate = result.scans / result.seconds
+    if as_json:
+        print_json({**dataclasses.asdict(result), "scans_per_second": rate, "folder": str(folder)})
+        return
+    print(f"clouds: {result.clouds} of {result.scans} scans in {folder}, {result.points} points")
+    print(f"seconds: {number(result.seconds, 2)}, {number(rate, 1)} scans a second")
+    if result.first_failure:
+        print(f"without a cloud: {result.scans - result.clouds}, first {result.first_failure}")
 
 
 def _report(result: ScanResult, seconds: dict[str, float], output: Path, as_json: bool) -> None:

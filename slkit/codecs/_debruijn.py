@@ -21,15 +21,19 @@ def eulerian_sequence(symbols: int, window: int, allowed: Allowed) -> tuple[int,
     Source: Hierholzer's algorithm; de Bruijn (1946) for the sequence.
     """
     short = [v for v in product(range(symbols), repeat=window - 1) if all(map(allowed, v, v[1:]))]
-    left = {v: [s for s in reversed(range(symbols)) if not v or allowed(v[-1], s)] for v in short}
+    left = {v: [(*v, s)[1:] for s in range(symbols) if not v or allowed(v[-1], s)] for v in short}
     edges = sum(map(len, left.values()))
     if not edges:
         raise InputError(f"no sequence of {symbols} colours exists in which neighbours follow these rules")
     path, circuit = [short[0]], []
+    # Where the longest unvisited vertex comes next, equal pieces shorter than a window lie far apart.
+    visited, step = dict.fromkeys(short, -1), 0
     while path:
-        if left[path[-1]]:
-            follower = left[path[-1]].pop()
-            path.append((*path[-1], follower)[1:])
+        here = path[-1]
+        visited[here], step = step, step + 1
+        if left[here]:
+            path.append(min(left[here], key=visited.__getitem__))
+            left[here].remove(path[-1])
         else:
             circuit.append(path.pop())
     circuit.reverse()

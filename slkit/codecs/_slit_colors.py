@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
+from slkit.codecs._color_kernels import score, strongest_in_cells
+
 Singles = npt.NDArray[np.float32]
 
-# Spread of a slit's colour about the ideal one, as a share of its strongest channel, beyond what noise explains.
-_SPREAD = 0.16
 # A channel is not believed to be reflected less than this share as well as the strongest one.
 _LEAST_ALBEDO = 0.25
-# A single slit says at most so much against a colour, in nats: it may be damaged.
-_FLOOR = np.float32(-6.0)
 # So many sure slits tell what a colour looks like to this camera.
 _LEARNED_FROM = 30
 
@@ -28,7 +25,7 @@ def local_white(row: npt.NDArray[np.int32], col: Singles, light: Singles, cell: 
     rows, cols = (row / cell[0]).astype(np.intp), (np.maximum(col, 0) / cell[1]).astype(np.intp)
     shape = (int(rows.max(initial=0)) + 1, int(cols.max(initial=0)) + 3)
     cells = np.zeros((*shape, 3), dtype=np.float32)
-    _strongest(rows, cols + 1, light, cells)
+    strongest_in_cells(rows, cols + 1, light, cells)
     grown = np.maximum(np.maximum(cells[:, :-2], cells[:, 1:-1]), cells[:, 2:])
     result = grown[rows, cols]
     typical = np.median(result, axis=0) if len(result) else np.ones(3, np.float32)
@@ -51,32 +48,12 @@ def score_colors(light: Singles, noise: Singles, ideal: Singles, signed: bool) -
     relative = (noise / np.maximum(strongest, np.float32(1e-6))).astype(np.float32)
     # With the strongest channel at 1 colours fill three unit squares, changes of colour six squares of side 2.
     room = 24.0 if signed else 3.0
-    _score(chroma, relative, ideal, room, result)
+    score(chroma, relative, ideal, room, result)
     best = np.where((result.max(axis=1, initial=-9) > 1) & (relative < 0.1), result.argmax(axis=1), -1)
     learned = ideal.copy()
     for k in range(len(ideal)):
         own = chroma[best == k]
         if len(own) >= _LEARNED_FROM:
             learned[k] = np.median(own, axis=0)
-    _score(chroma, relative, learned, room, result)
+    score(chroma, relative, learned, room, result)
     return result
-
-
-@numba.njit(cache=True, nogil=True)
-def _strongest(rows: npt.NDArray[np.intp], cols: npt.NDArray[np.intp], light: Singles, cells: Singles) -> None:
-    for i in range(len(light)):
-        for channel in range(3):
-            cells[rows[i], cols[i], channel] = max(cells[rows[i], cols[i], channel], abs(light[i, channel]))
-
-
-@numba.njit(cache=True, nogil=True)
-def _score(chroma: Singles, noise: Singles, ideal: Singles, room: float, out: Singles) -> None:
-    for i in range(len(chroma)):
-        # Dividing by the strongest channel adds its noise to that of the others.
-        variance = _SPREAD**2 + 1.5 * noise[i] ** 2
-        height = np.log(room / (2 * np.pi * variance))
-        for k in range(len(ideal)):
-            distance = 0.0
-            for channel in range(3):
-                distance += (chroma[i, channel] - ideal[k, channel]) ** 2
-            out[i, k] = max(np.float32(height - distance / (2 * variance)), _FLOOR)

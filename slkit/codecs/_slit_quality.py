@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from slkit.codecs._tracks import along_tracks
+from slkit.codecs._track_kernels import along_tracks
 from slkit.codecs._view_slits import Slits
 
 Singles = npt.NDArray[np.float32]

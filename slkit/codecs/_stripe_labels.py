@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from slkit.codecs._matching import MOST_ROOM, match_lines
-from slkit.codecs._tracks import room_before, vote
+from slkit.codecs._match_kernels import MOST_ROOM, match_lines
+from slkit.codecs._track_kernels import room_before, vote
 from slkit.codecs._view_slits import Slits
 
 Singles = npt.NDArray[np.float32]

@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from slkit.codecs._noise import Evidence, noise_curve
-from slkit.codecs._slits import CHANGED, SMOOTHED, find_slits, light_above
-from slkit.codecs._tracks import along_tracks, link_slits
+from slkit.codecs._slit_kernels import CHANGED, SMOOTHED, find_slits, light_above
+from slkit.codecs._track_kernels import along_tracks, link_slits
 from slkit.data import Image
 
 Singles = npt.NDArray[np.float32]
@@ -62,8 +62,8 @@ class Slits:
 
 def along_columns(picture: Image | Singles) -> bool:
     """Tell whether the stripes of a picture (h, w, 3) run along its rows rather than its columns."""
-    grey = picture[:, :, 1].astype(np.float32)
-    return float(np.abs(np.diff(grey[:, ::4], axis=0)).mean()) > float(np.abs(np.diff(grey[::4], axis=1)).mean())
+    down, right = (a.astype(np.float32) for a in (picture[:, ::8, 1], picture[::8, :, 1]))
+    return float(np.abs(np.diff(down, axis=0)).mean()) > float(np.abs(np.diff(right, axis=1)).mean())
 
 
 def see_slits(picture: Image | Singles, edges: bool, min_snr: float, min_contrast: float) -> Slits:

@@ -14,6 +14,7 @@ from slkit.files.images import PICTURE_ENDINGS, Progress, read_bytes, read_frame
 from slkit.files.meshes import read_mesh
 from slkit.files.opencv import read_opencv, write_opencv
 from slkit.files.rig import plain, read_provenance, read_rig, rig_table, write_rig
+from slkit.files.sequences import PictureSequence, read_sequence
 from slkit.files.sources import FrameSource
 from slkit.files.tables import merged, read_toml, resolve_root, toml_text, write_toml
 
@@ -23,6 +24,7 @@ __all__ = [
     "CalibrationFolder",
     "CaptureFolder",
     "FrameSource",
+    "PictureSequence",
     "Progress",
     "make_folder",
     "merged",
@@ -37,6 +39,7 @@ __all__ = [
     "read_opencv",
     "read_provenance",
     "read_rig",
+    "read_sequence",
     "read_toml",
     "resolve_root",
     "rig_table",

@@ -51,9 +51,10 @@ def scan(
     from slkit.triangulation import Filters, triangulate, with_normals
 
     found = read_capture(folder)
-    codec = load_codec(found.codec, found.projector, merged(found.parameters, parameters or {}), str(found.file))
+    given = merged(found.parameters, parameters or {})
+    codec = with_rig_colors(load_codec(found.codec, found.projector, given, str(found.file)), rig)
     frames, reading = _watched(found.frames(codec.encode().names), progress)
-    _check_rig(rig, codec, frames[0], str(folder))
+    check_rig(rig, codec, frames[0], str(folder))
     limits = None if depth is None else bounds(rig, depth)
     reading.clear()
     started = time.perf_counter()
@@ -155,8 +156,17 @@ def _watched(frames: Frames, progress: Progress | None) -> tuple[Frames, list[fl
     return Frames(frames.names, load), seconds
 
 
-def _check_rig(rig: Rig, codec: Any, picture: Image, folder: str) -> None:
-    """Refuse a rig of other devices: its cloud would look right and be wrong."""
+def with_rig_colors(codec: Any, rig: Rig) -> Any:
+    """Return the codec with the rig's `photometry`, where it asks for one and the rig has been measured."""
+    asks = any(f.name == "photometry" for f in dataclasses.fields(codec))
+    return dataclasses.replace(codec, photometry=rig.photometry) if asks and rig.photometry is not None else codec
+
+
+def check_rig(rig: Rig, codec: Any, picture: Image, folder: str) -> None:
+    """Refuse a rig of other devices: its cloud would look right and be wrong.
+
+    Errors: InputError where the picture's size or the codec's projector is not the rig's.
+    """
     size = (picture.shape[1], picture.shape[0])
     for name, has, wants in (("camera", size, rig.camera.size), ("projector", codec.projector, rig.projector.size)):
         if tuple(has) != wants:
