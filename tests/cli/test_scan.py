@@ -117,7 +117,7 @@ def test_bad_toml(slkit, folder: Path, rig_file: Path, tmp_path: Path):
         ("step = 2", "step = nan", ("capture.toml", "step")),
         ("step = 2", "step = -2", ("capture.toml", "step")),
         ("step = 2", "stepp = 2", ("capture.toml", "stepp")),
-        ('codec = "gray"', 'codec = "grey"', ("grey", "installed are: gray")),
+        ('codec = "gray"', 'codec = "grey"', ("grey", "installed are: ", "gray")),
         ('codec = "gray"', "codec = ", ("capture.toml", "TOML", "line")),
     ):
         assert old in text
@@ -153,3 +153,15 @@ def test_noise_free_scan_of_a_slideshow(slkit, small_rig: Rig, rig_file: Path, t
         shutil.copy(frame, mine / f"IMG_{i + 95}.png")
     outcome = slkit("scan", mine, "--rig", rig_file, "-o", tmp_path / "c.xyz", "--json")
     assert outcome.json["points"] > 1000
+
+
+def test_a_sequence(slkit, folder: Path, rig_file: Path, tmp_path: Path):
+    command = ("scan", folder, "--rig", rig_file, "--sequence", "-o")
+    outcome = slkit(*command, tmp_path / "clouds")
+    assert outcome.code == 0 and outcome.out.startswith("clouds: 1 of 1 scans in ")
+    assert [f.name for f in (tmp_path / "clouds").iterdir()] == ["000000.ply"]
+    table = slkit(*command, tmp_path / "again", "--json").json
+    assert set(table) == {"scans", "clouds", "points", "seconds", "first_failure", "scans_per_second", "folder"}
+    assert len(read_ply((tmp_path / "again" / "000000.ply").read_bytes())) == table["points"]
+    assert "--normals" in refused(slkit, tmp_path, *command, tmp_path / "n", "--normals")
+    assert "no video" in refused(slkit, tmp_path, "scan", tmp_path / "a.mp4", *command[2:], tmp_path / "n")
