@@ -46,7 +46,7 @@ def test_faults(slkit, tmp_path: Path):
         (("gray",), "--projector 1024x768"),
         (("gray", "--projector", "1024"), "--projector must be"),
         (("gray", "--projector", "64x48", "--set", "step=0"), "step"),
-        (("grey", "--projector", "64x48"), "installed are: gray"),
+        (("grey", "--projector", "64x48"), "installed are: color-"),
         (("none.toml",), "none.toml"),
         (("checkerboard", "--projector", "9x9"), "too small"),
         (("checkerboard", "--projector", "256x192", "--set", "a=1"), "no parameters"),
