@@ -4,7 +4,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 INSTALLED := .venv/.installed
 
-.PHONY: install demo test check bench faults patterns lock clean
+.PHONY: install demo compare test check bench faults patterns lock clean
 
 install: $(INSTALLED)
 
@@ -17,6 +17,10 @@ $(INSTALLED): requirements.lock pyproject.toml
 
 demo: $(INSTALLED)
 	$(BIN)/python examples/00_demo.py demo
+
+# One object by two methods on one simulated calibration, as in the paper's figures 9 and 10; results in comparison/.
+compare: $(INSTALLED)
+	$(BIN)/python examples/06_compare.py comparison
 
 test: $(INSTALLED)
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2
@@ -46,4 +50,4 @@ lock:
 	  --generate-hashes --no-header --no-emit-index-url --upgrade --quiet --output-file requirements.lock
 
 clean:
-	rm -rf .venv demo site
+	rm -rf .venv demo comparison site

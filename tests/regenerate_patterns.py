@@ -12,11 +12,20 @@ from slkit.targets import ProjectedCheckerboard
 
 PROJECTORS = ((1024, 768), (1280, 720), (1280, 800), (1920, 1080))
 CODECS = {
+    "color-fringe": {"axes": "x", "window": 3},
+    "color-stripes": {"axes": "x", "window": 3, "width": 4},
     "gray": {"axes": "both", "step": 1, "inverse": True},
     "line-shift": {"axes": "x", "period": 6, "width": 1, "cell": 2, "inverse": True},
     "phase-shift": {"axes": "both", "references": True, "order": "temporal"},
 }
 REMARKS = {
+    "color-fringe": """\
+Columns, by a single picture of coloured sinusoids: a value at every pixel of what moves. The sequence is spelt out,
+so that a picture taken today can always be decoded. Where the projector stands above or below the camera take
+axes = "y".""",
+    "color-stripes": """\
+Columns, by a single picture of coloured slits: for what moves. The sequence is spelt out, so that a picture taken
+today can always be decoded. Where the projector stands above or below the camera take axes = "y".""",
     "gray": "Columns and rows, every pattern followed by its inverse: the most robust, and fit for local-homography.",
     "line-shift": """\
 Columns, by lines one pixel wide and six apart. Where a projector pixel covers less than a camera pixel take
@@ -39,12 +48,20 @@ def regenerate(folder: Path) -> None:
 
 
 def recipe(file: Path, name: str, projector: tuple[int, int]) -> None:
-    """Write the recipe of a codec, with the fringes that it would choose spelt out."""
+    """Write the recipe of a codec, with the fringes or stripes that it would choose spelt out."""
     codec = load_codec(name, projector, CODECS[name])
     parameters = dict(CODECS[name])
     if name == "phase-shift":
         fringes = {axis: codec.fringes(axis) for axis in ("x", "y")}
         parameters |= {axis: {"periods": [int(n) for n in f.periods], "steps": f.steps} for axis, f in fringes.items()}
+    if name == "color-stripes":
+        parameters |= {"gap": codec.layout.gap, "colors": list(codec.colors), "sequence": list(codec.layout.stripes)}
+    if name == "color-fringe":
+        parameters |= {
+            "period": codec.layout.period,
+            "colors": list(codec.colors),
+            "sequence": list(codec.layout.stripes),
+        }
     table = {"codec": name, "projector": list(projector), "parameters": parameters}
     command = f"{len(codec.encode())} patterns: slkit patterns patterns/{file.name} -o DIR"
     write_toml(file, table, f"{REMARKS[name]}\n{command}")

@@ -21,6 +21,8 @@ from slkit.calibration.planar import Planar
 from slkit.calibration.reference_object import ReferenceObject
 from slkit.cli import app
 from slkit.cli._common import parse_settings, parse_size
+from slkit.codecs.color_fringe import ColorFringe
+from slkit.codecs.color_stripes import ColorStripes
 from slkit.codecs.gray import Gray
 from slkit.codecs.line_shift import LineShift
 from slkit.codecs.phase_shift import Fringes, PhaseShift
@@ -81,7 +83,7 @@ def check_names(found: dict[str, Any]) -> None:
     """Codecs, their parameters and scenes of a command must exist."""
     codecs = found.get("codec") or ()
     for codec in [codecs] if isinstance(codecs, str) else codecs:
-        if codec in ("CODEC", "NAME", "checkerboard", "charuco") or codec.endswith(".toml"):
+        if codec in ("CODEC", "NAME", "checkerboard", "charuco", "color") or codec.endswith(".toml"):
             continue
         size = parse_size(found["projector"], "--projector") if found.get("projector") else (1024, 768)
         settings = parse_settings(found.get("settings"))
@@ -191,6 +193,8 @@ def told(value: Any) -> str:
         ("methods/gray.md", [Gray]),
         ("methods/line-shift.md", [LineShift]),
         ("methods/phase-shift.md", [PhaseShift, Fringes]),
+        ("methods/color-stripes.md", [ColorStripes]),
+        ("methods/color-fringe.md", [ColorFringe]),
         ("methods/planar.md", [Planar]),
         ("methods/local-homography.md", [LocalHomography]),
         ("methods/bundle-adjustment.md", [Model, Lens]),

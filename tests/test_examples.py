@@ -3,6 +3,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
@@ -10,9 +11,9 @@ import numpy as np
 import pytest
 
 from slkit.export import read_ply
-from slkit.files import read_image, read_provenance, read_rig
-from slkit.geometry import Rig
-from slkit.simulation import one_to_one_rig, paper_rig
+from slkit.files import plain, read_image, read_provenance, read_rig, write_rig
+from slkit.geometry import Pose, Rig
+from slkit.simulation import Optics, one_to_one_rig, paper_rig
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 
@@ -73,6 +74,28 @@ def rows(told: str, codec: str) -> list[list[float]]:
     lines = told.splitlines()
     first = next(i for i, line in enumerate(lines) if line.startswith(f"{codec} "))
     return [[float(n) for n in re.findall(r"[\d.]+", line)] for line in lines[first : first + 2]]
+
+
+def test_compare(tmp_path: Path, scaled: Callable[[Rig, float], Rig], capsys: pytest.CaptureFixture[str]):
+    truth = scaled(paper_rig(), 0.5)
+    # Calibrated before, with a baseline a thousandth too long: the demo shows that calibrating works.
+    pose = truth.projector_from_camera
+    wrong = replace(truth, projector_from_camera=Pose(pose.rotation, 1.001 * pose.translation))
+    asked = {"optics": plain(vars(Optics())), "seed": 1, "poses": 10}
+    write_rig(tmp_path / "rig.json", wrong, {"comparison": asked, "verdict": {"grade": "usable", "reasons": []}})
+    write_rig(tmp_path / "calibration" / "truth" / "rig.json", truth)
+    found = load("06_compare").main(tmp_path, truth)
+    told = capsys.readouterr().out
+    stripes, lines = found.methods
+    assert (stripes.numbers["patterns"], lines.codec) == (1, "line-shift")
+    assert stripes.numbers["points"] < 0.3 * lines.numbers["points"]
+    assert stripes.numbers["completeness_share"] < lines.numbers["completeness_share"]
+    # What is rough is the method; what is left is that other points pass the filters of a few thousand.
+    assert figure(told, r"changes the roughness by ([\d.]+) %") < 15
+    for method in found.methods:
+        n = method.numbers
+        assert n["rms_mm"] > 1.1 * n["true_rig_rms_mm"] == pytest.approx(n["aligned_rms_mm"], rel=0.15)
+    assert {"comparison.html", "comparison.csv", "comparison.json"} <= {f.name for f in tmp_path.iterdir()}
 
 
 def test_simulated_scan(scaled: Callable[[Rig, float], Rig], capsys: pytest.CaptureFixture[str]):

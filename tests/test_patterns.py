@@ -41,7 +41,7 @@ def fresh(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_nothing_is_missing_or_left_over(fresh: Path):
     assert {p.name for p in PATTERNS.iterdir()} == {p.name for p in fresh.iterdir()} | {"README.md"}
-    assert len(RECIPES) == 12
+    assert len(RECIPES) == 4 * len(script.CODECS)
 
 
 def test_stored_files_are_what_slkit_writes(fresh: Path):

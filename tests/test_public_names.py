@@ -8,7 +8,7 @@ import slkit
 
 NAMES = """
 BoardView Calibration Capture Correspondences Frames Pinhole PointCloud Pose Rig ScanResult SlkitError calibrate
-load_codec patterns projected_checkerboard provenance read_frames read_image read_mesh read_rig scan
+load_codec patterns projected_checkerboard provenance read_frames read_image read_mesh read_rig scan scan_sequence
 simulate_calibration simulate_scan solve_projector triangulate view write_cloud write_rig
 """.split()
 

@@ -167,3 +167,22 @@ def test_planar_capture(captures):
     assert error.median_mm <= 0.06
     assert error.outliers <= 0.0005
     assert error.completeness >= 0.97
+
+
+def test_comparison_without_truth(phase_boards, tmp_path):
+    """The skull without a truth: what its points say of their noise, and what the calibration adds."""
+    calibration, _ = phase_boards
+    provenance = pipeline.provenance(calibration)
+    found = pipeline.compare([TOML / "phase_board_skull"], calibration.rig, provenance=provenance)
+    (method,) = found.methods
+    print({name: round(value, 4) for name, value in method.numbers.items()})
+    assert found.verdict["grade"] == calibration.verdict.grade and "local-homography" in found.calibration
+    numbers = method.numbers
+    assert numbers["patterns"] == 12 and numbers["capture_s"] == pytest.approx(0.2)
+    assert numbers["points"] >= 380_000 and not {"rms_mm", "p95_mm"} & set(numbers)
+    # What the points say of their own noise, beside what their scatter shows: two estimates of one thing.
+    assert numbers["roughness_mm"] == pytest.approx(numbers["sigma_decoding_mm"], rel=0.4)
+    assert 0.5 < numbers["calibration_share"] < 0.95
+    assert 0.5 < numbers["efficiency_ratio"] < 1.2
+    page = pipeline.write_comparison(tmp_path, found)
+    assert page.stat().st_size > 100_000

@@ -11,7 +11,7 @@ import traceback
 
 import typer
 
-from slkit.cli import board, calibrate, patterns, plugins, rig, scan, simulate
+from slkit.cli import board, calibrate, compare, patterns, plugins, rig, scan, simulate
 from slkit.errors import SlkitError
 
 app = typer.Typer(
@@ -27,6 +27,7 @@ app.command("board")(board.board)
 app.add_typer(simulate.app, name="simulate")
 app.command("calibrate")(calibrate.calibrate)
 app.command("scan")(scan.scan)
+app.command("compare")(compare.compare)
 app.add_typer(rig.app, name="rig")
 app.command("view")(scan.view)
 app.command("plugins")(plugins.plugins)

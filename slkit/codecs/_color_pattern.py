@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from slkit.codecs._debruijn import eulerian_sequence
+from slkit.errors import InputError
 
 Style = Literal["slits", "edges"]
 Transitions = Literal["any", "switch"]
@@ -48,12 +50,36 @@ class Layout:
 @dataclass(frozen=True, eq=False)
 class Features:
     """What a camera can find of a pattern. ideal (k, 3): the kinds, colours or changes of colour; kinds (n,): their
-    order in the pattern; offset: where the first one lies, in px from the first stripe's first pixel.
+    order in the pattern, back (n,): as a mirror shows it, changes the other way round; offset: where the first one
+    lies, in px from the first stripe's first pixel.
     """
 
     ideal: npt.NDArray[np.float32]
     kinds: npt.NDArray[np.int32]
+    back: npt.NDArray[np.int32]
     offset: float
+
+
+@dataclass(frozen=True)
+class Windows:
+    """What makes a sequence unique: how many windows it has, and in how many places two of them differ at least."""
+
+    windows: int
+    distance: int
+
+
+def check_colors(style: Style, colors: tuple[str, ...], sequence: tuple[int, ...]) -> None:
+    """Refuse colours that make no pattern. sequence: places in `colors`, empty for the default. Errors: InputError."""
+    if any(c not in PALETTE for c in colors) or len(set(colors)) < len(colors) or len(colors) < 3:
+        raise InputError(f"colors must be three or more different ones of {', '.join(PALETTE)}")
+    if style == "slits" and "black" in colors:
+        raise InputError("black slits cannot be seen: leave black out of colors")
+    if style == "edges" and not sequence and colors != tuple(PALETTE):
+        raise InputError("edges between all eight colours need them in their usual order: leave colors out")
+    if not all(0 <= s < len(colors) for s in sequence):
+        raise InputError(f"sequence must name places in colors, 0 to {len(colors) - 1}")
+    if style == "edges" and any(a == b for a, b in pairwise(sequence)):
+        raise InputError("there is no edge between two stripes of one colour: neighbours in sequence must differ")
 
 
 def default_sequence(style: Style, colors: tuple[str, ...], window: int, transitions: Transitions) -> tuple[int, ...]:
@@ -94,7 +120,23 @@ def features(style: Style, colors: tuple[str, ...], placed: Layout) -> Features:
     """Return what of a layout a camera can find: the slits, or the borders between stripes."""
     shown = np.array([PALETTE[c] for c in colors], dtype=np.float32)
     stripes = shown[np.asarray(placed.stripes, dtype=np.intp)]
-    found: Any = stripes if style == "slits" else np.diff(stripes, axis=0)
-    ideal, kinds = np.unique(found, axis=0, return_inverse=True)
-    offset = (placed.width - 1) / 2 if style == "slits" else placed.width - 0.5
-    return Features(ideal.astype(np.float32), kinds.ravel().astype(np.int32), offset)
+    slits = style == "slits"
+    found: Any = stripes if slits else np.diff(stripes, axis=0)
+    both = np.concatenate([found, found[::-1] if slits else -found[::-1]])
+    ideal, kinds = np.unique(both, axis=0, return_inverse=True)
+    kinds, back = kinds.ravel().astype(np.int32).reshape(2, -1)
+    return Features(ideal.astype(np.float32), kinds, back, (placed.width - 1) / 2 if slits else placed.width - 0.5)
+
+
+def unmixing(photometry: Any) -> npt.NDArray[np.float32]:
+    """Return the matrix (3, 3) that takes seen colours, as rows, to projected ones; that of one for photometry None.
+
+    photometry: see `slkit.calibration.photometry`. Errors: InputError where its mixing is absent or has no inverse.
+    """
+    if photometry is None:
+        return np.eye(3, dtype=np.float32)
+    try:
+        mixing = np.asarray(photometry["mixing"], dtype=np.float64).reshape(3, 3)
+        return np.ascontiguousarray(np.linalg.inv(mixing).T, dtype=np.float32)
+    except (KeyError, IndexError, TypeError, ValueError) as error:
+        raise InputError("photometry must have an invertible 3 x 3 matrix called mixing") from error

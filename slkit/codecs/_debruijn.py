@@ -15,31 +15,32 @@ Allowed = Callable[[int, int], bool]
 def eulerian_sequence(symbols: int, window: int, allowed: Allowed) -> tuple[int, ...]:
     """Return the longest sequence in which every window of `window` symbols that may occur does so exactly once.
 
-    allowed(a, b): whether symbol b may follow a. The vertices are the windows less their last symbol, every window is
-    an edge; with all unequal neighbours allowed the length is symbols * (symbols - 1) ** (window - 1) + window - 1.
+    window: 2 or more; allowed(a, b): whether symbol b may follow a. The vertices are the windows less their last
+    symbol, every window is an edge; with all unequal neighbours allowed the length is
+    symbols * (symbols - 1) ** (window - 1) + window - 1.
     Errors: InputError where no closed walk over all edges exists.
     Source: Hierholzer's algorithm; de Bruijn (1946) for the sequence.
     """
     short = [v for v in product(range(symbols), repeat=window - 1) if all(map(allowed, v, v[1:]))]
-    left = {v: [(*v, s)[1:] for s in range(symbols) if not v or allowed(v[-1], s)] for v in short}
+    left = {v: [(*v, s)[1:] for s in range(symbols) if allowed(v[-1], s)] for v in short}
     edges = sum(map(len, left.values()))
     if not edges:
         raise InputError(f"no sequence of {symbols} colours exists in which neighbours follow these rules")
     path, circuit = [short[0]], []
-    # Where the longest unvisited vertex comes next, equal pieces shorter than a window lie far apart.
-    visited, step = dict.fromkeys(short, -1), 0
+    # Where the longest unvisited vertex and then symbol come next, pieces shorter than a window recur far apart.
+    visited, used, step = dict.fromkeys(short, -1), [-1] * symbols, 0
     while path:
         here = path[-1]
-        visited[here], step = step, step + 1
+        visited[here], used[here[-1]], step = step, step, step + 1
         if left[here]:
-            path.append(min(left[here], key=visited.__getitem__))
+            path.append(min(left[here], key=lambda v: (visited[v], used[v[-1]])))
             left[here].remove(path[-1])
         else:
             circuit.append(path.pop())
     circuit.reverse()
     if len(circuit) != edges + 1 or circuit[0] != circuit[-1]:
         raise InputError(f"no closed sequence of {symbols} colours has every window of {window} that these rules allow")
-    return (*circuit[0], *(v[-1] for v in circuit[1:])) if window > 1 else tuple(range(symbols))
+    return (*circuit[0], *(v[-1] for v in circuit[1:]))
 
 
 def repeated_window(sequence: Sequence[int], window: int) -> tuple[int, int] | None:

@@ -17,6 +17,8 @@ Picture = npt.NDArray[Any]
 # Gaussians of these sigmas in px are matched to slits; a narrower one would pull centres towards the pixel grid.
 _SCALES = (0.9, 1.2, 1.6, 2.2, 3.0, 4.2, 6.0)
 _REACH = 3.5
+# Tops and valleys are told apart by a little less than what a slit must rise, for they are single pixels.
+_STEP = 0.7
 # What averaging three rows by 1 2 1 leaves of the noise's variance.
 SMOOTHED = 6 / 16
 # And what `_changes` makes of the rest.
@@ -96,29 +98,37 @@ def _row_slits(
 ) -> int:
     """Walk along a row from valley to top to valley, and measure each top whose valleys lie deep enough."""
     width = len(line)
-    low_at, high_at, low, high = 0, 0, np.inf, -np.inf
-    before, rising = 0, False
+    low_at, high_at, before, rising = 0, 0, 0, False
+    low, high = np.float32(np.inf), np.float32(-np.inf)
+    # Most pixels are decided by the noise in dark: what a step must be at their level is worked out for the others.
+    least = np.float32(_STEP * snr * np.sqrt(noise[0]))
     for i in range(1, width):
         last = i == width - 1
-        value = line[i] if last else (line[i - 1] + 2 * line[i] + line[i + 1]) / 4
-        reference = max(value, high)
-        step = snr * 0.7 * np.sqrt(noise[0] + noise[1] * max(reference - noise[2], 0))
-        step = max(step, share * (reference - noise[2]))
+        value = line[i] if last else (line[i - 1] + 2 * line[i] + line[i + 1]) * np.float32(0.25)
         if rising:
             if value > high:
                 high, high_at = value, i
-            elif value < high - step or last:
-                if value < high - step and count < len(row_of):
+            elif last or high - value > least:
+                deep = high - value > _step(float(high), noise, snr, share)
+                if deep and count < len(row_of):
                     end = _descend(line, i)
                     if _measure(pixels, line, noise, before, high_at, end, table[count]):
                         row_of[count] = row
                         count += 1
-                rising, low, low_at = False, value, i
+                if deep or last:
+                    rising, low, low_at = False, value, i
         elif value < low:
             low, low_at = value, i
-        elif value > low + step:
+        elif value - low > least and value - low > _step(float(max(value, high)), noise, snr, share):
             rising, before, high, high_at = True, low_at, value, i
     return count
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def _step(level: float, noise: Doubles, snr: float, share: float) -> float:
+    """Return by how much a slit of that height rises above its valleys."""
+    above = level - noise[2]
+    return max(_STEP * snr * np.sqrt(noise[0] + noise[1] * max(above, 0.0)), share * above)
 
 
 @numba.njit(cache=True, nogil=True, inline="always")

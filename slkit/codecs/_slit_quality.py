@@ -20,6 +20,10 @@ _NARROWEST, _WIDEST, _DARKEST = 0.7, 1.6, 0.5
 _END_WIDTH, _END_CONTRAST = 0.12, 0.2
 # How far a slit's centre may be off, as a share of its width, for each unit of the logarithm by which it differs.
 _WIDTH_DOUBT, _CONTRAST_DOUBT = 0.4, 0.1
+# Pixels and the smoothing of rows leave so much of a centre's place open, in px.
+_SAMPLING_DOUBT = 0.015
+# A slit is narrower than this share of its neighbour's width only where something cuts it.
+_USUAL_WIDTH = 0.9
 _KEEP = 0.9
 _FARTHEST_NEIGHBOUR = 3
 
@@ -43,7 +47,20 @@ def regular(slits: Slits, label: Wholes) -> Regular:
     whole = (width > np.log(_NARROWEST)) & (width < np.log(_WIDEST)) & (contrast > np.log(_DARKEST))
     like = (np.abs(width) < _END_WIDTH) & (np.abs(contrast) < _END_CONTRAST)
     doubt = slits.width * np.hypot(_WIDTH_DOUBT * width, _CONTRAST_DOUBT * contrast)
+    doubt = np.hypot(np.hypot(doubt, _cut(slits, label)), _SAMPLING_DOUBT)
     return Regular((label >= 0) & whole & (same[0] & same[1] | (same[0] | same[1]) & like), doubt.astype(np.float32))
+
+
+def _cut(slits: Slits, label: Wholes) -> Singles:
+    """Return how far in px an edge may have moved the slit beside it (m,): half of what it is narrower than the next.
+
+    At the end of a row of labelled slits something hides the others: shadow, or an edge all along the track.
+    """
+    joined = (np.diff(slits.row) == 0) & (np.abs(np.diff(label)) == 1) & (label[1:] >= 0) & (label[:-1] >= 0)
+    after, before = np.append(joined, False), np.insert(joined, 0, False)
+    beside = np.where(after, np.roll(slits.width, -1), np.roll(slits.width, 1))
+    lacking = np.maximum(_USUAL_WIDTH * beside - slits.width, 0) / 2
+    return np.where(after != before, lacking, 0).astype(np.float32)
 
 
 def pace(slits: Slits, label: Wholes, keep: Mask) -> Singles:

@@ -7,20 +7,29 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from slkit.codecs._match_kernels import MOST_ROOM, match_lines
+from slkit.codecs._color_pattern import Features
+from slkit.codecs._match_kernels import MOST_ROOM, match_lines, neighbours
 from slkit.codecs._track_kernels import room_before, vote
 from slkit.codecs._view_slits import Slits
 
 Singles = npt.NDArray[np.float32]
 Wholes = npt.NDArray[np.int32]
+Mask = npt.NDArray[np.bool_]
 
 # Prices in nats: a stripe that nobody saw where there was room for it, or one too many; a step anywhere else, forward
 # or back, at an edge of the scene; a label that its line has already, for rows are not quite epipolar lines.
-_PRICES = 4.0, 8.0, 2.0
+_PRICES = 4.0, 6.0, 2.0
 _LEAST_ROWS = 4
 # What all rows together must say for a label at least, with all that speaks against it counted three times.
-_LEAST_EVIDENCE = 16.0
+_LEAST_EVIDENCE = 8.0
 _CONTRADICTION = 3.0
+# Only a window of the sequence is unique: of the next three slits on either side so many must go on from a label, on
+# average along its piece of track. What stands alone may be any slit of its colour.
+_NEIGHBOURS, _LEAST_NEIGHBOURS = 3, 1.5
+# A slit whose colour another label explains better by so many nats is not of its track.
+_WORST = 3.0
+# One of so many rows tells whether the picture is mirrored.
+_SAMPLED_ROWS = 8
 
 
 @dataclass(frozen=True)
@@ -35,37 +44,75 @@ class _Round:
     least: float
 
 
+@dataclass(frozen=True, eq=False)
+class _View:
+    """The pattern as a picture shows it, from its start or from its end: kinds (n,), allowed (m, 2)."""
+
+    kinds: Wholes
+    allowed: Wholes
+
+
 _ROUNDS = (
-    _Round(True, 1e9, 2.0),
-    _Round(True, 1e9, 2.0),
-    _Round(True, 40.0, 2.0),
+    _Round(True, 1e9, 1.0),
+    _Round(True, 1e9, 1.0),
+    _Round(True, 40.0, 1.0),
     _Round(False, 40.0, 0.8),
 )
 
 
-def label_slits(slits: Slits, scores: Singles, kinds: Wholes, allowed: Wholes) -> tuple[Wholes, Singles]:
+def label_slits(slits: Slits, scores: Singles, features: Features, allowed: Wholes) -> tuple[Wholes, Singles]:
     """Return the label (m,) of every slit, -1 for none, and by how much it is ahead of others (m,), in nats.
 
-    scores (m, k), kinds (n,), allowed (m, 2): see `match_lines`. Tracks whose rows agree come first; they then hold the
-    others in order. What is left is matched by itself with the labels that are left: slits in front of others, which
-    stand out of order.
+    scores (m, k), allowed (m, 2): see `match_lines`. A mirrored picture shows the pattern from its end. Tracks whose
+    rows agree come first; they then hold the others in order. What is left is matched by itself with the labels that
+    are left: slits in front of others, which stand out of order.
     """
-    count = len(slits)
-    final, ahead = np.full(count, -1, dtype=np.int32), np.zeros(count, dtype=np.float32)
-    if not count:
-        return final, ahead
-    order, ends = np.argsort(slits.track, kind="stable"), np.cumsum(np.bincount(slits.track))
-    room = np.empty(count, dtype=np.int32)
+    room = np.empty(len(slits), dtype=np.int32)
     room_before(slits.starts, slits.col, MOST_ROOM, room)
+    last = len(features.kinds) - 1
+    views = [_View(features.kinds, allowed), _View(features.back, last - allowed[:, ::-1])]
+    back = _agreement(slits, scores, room, views[1]) > _agreement(slits, scores, room, views[0])
+    label, ahead = _label(slits, scores, room, views[back])
+    return np.where(back & (label >= 0), last - label, label), ahead
+
+
+def _agreement(slits: Slits, scores: Singles, room: Wholes, view: _View) -> float:
+    """Return how well some of the rows fit a sequence, in nats."""
+    at = np.flatnonzero(slits.row % _SAMPLED_ROWS == 0)
+    starts = np.searchsorted(slits.row[at], np.arange(0, len(slits.starts) + _SAMPLED_ROWS, _SAMPLED_ROWS))
+    label, margin = np.empty(len(at), dtype=np.int32), np.empty(len(at), dtype=np.float32)
+    free = np.full_like(label, -1)
+    told = view.kinds, np.ascontiguousarray(view.allowed[at]), free, True
+    match_lines(starts, scores[at], room[at], *told, _PRICES, label, margin)
+    return float(margin[label >= 0].sum())
+
+
+def _label(slits: Slits, scores: Singles, room: Wholes, view: _View) -> tuple[Wholes, Singles]:
+    count, allowed = len(slits), np.ascontiguousarray(view.allowed)
+    final, ahead = np.full(count, -1, dtype=np.int32), np.zeros(count, dtype=np.float32)
+    order, ends = np.argsort(slits.track, kind="stable"), np.cumsum(np.bincount(slits.track))
     label, margin = np.empty_like(final), np.empty_like(ahead)
     voted, evidence = np.empty_like(final), np.empty((count, 3), dtype=np.float32)
+    slack = scores.max(axis=1) - _WORST
     for each in _ROUNDS:
-        match_lines(slits.starts, scores, room, kinds, allowed, final, each.together, _PRICES, label, margin)
-        vote(order, ends, label, margin, len(kinds), each.switch, voted, evidence)
+        match_lines(slits.starts, scores, room, view.kinds, allowed, final, each.together, _PRICES, label, margin)
+        vote(order, ends, label, margin, len(view.kinds), each.switch, voted, evidence)
         pro, contra, rows = evidence.T
-        net = pro - _CONTRADICTION * contra
-        sure = (
-            (final < 0) & (voted >= 0) & (rows >= _LEAST_ROWS) & (net > np.maximum(each.least * rows, _LEAST_EVIDENCE))
-        )
+        enough = np.maximum(each.least * rows, _LEAST_EVIDENCE)
+        sure = (final < 0) & (voted >= 0) & (rows >= _LEAST_ROWS) & (pro - _CONTRADICTION * contra > enough)
+        sure &= _among_others(slits, np.where(sure, voted, final), order)
+        sure &= scores[np.arange(count), view.kinds[voted]] > slack
         final[sure], ahead[sure] = voted[sure], (pro - contra)[sure]
     return final, ahead
+
+
+def _among_others(slits: Slits, label: Wholes, order: npt.NDArray[np.int64]) -> Mask:
+    """Tell which slits (m,) have neighbours that go on from their label, on average over their piece of track."""
+    beside = np.empty(len(slits), dtype=np.float32)
+    neighbours(slits.starts, label, _NEIGHBOURS, beside)
+    changes = (np.diff(label[order]) != 0) | (np.diff(slits.track[order]) != 0)
+    piece = np.concatenate([[0], np.cumsum(changes)])
+    mean = np.bincount(piece, beside[order]) / np.bincount(piece)
+    result = np.empty(len(slits), dtype=np.bool_)
+    result[order] = (mean >= _LEAST_NEIGHBOURS)[piece]
+    return result

@@ -16,7 +16,7 @@ Singles = npt.NDArray[np.float32]
 Wholes = npt.NDArray[np.int32]
 
 # Slits of neighbouring rows belong together at most so many px and so much of the strongest channel apart.
-_REACH, _APART = 1.5, 0.8
+_REACH, _APART = 1.5, 0.65
 # A slit's neighbours along the track count by this power of their distance in rows.
 _KEEP = 0.8
 _FLOOR_SLITS = 3
@@ -84,8 +84,7 @@ def see_slits(picture: Image | Singles, edges: bool, min_snr: float, min_contras
     track, previous = np.empty(count, np.int32), np.empty(count, np.int32)
     link_slits(starts, col, light / strongest[:, None], _REACH, _APART, track, previous)
     light = along_tracks(light, previous, _KEEP)
-    level = np.maximum(np.abs(light).max(axis=1, initial=0), 0)
-    spread = np.sqrt(noise[0] + noise[1] * level).astype(np.float32)
+    spread = np.sqrt(noise[0] + noise[1] * np.abs(light).max(axis=1, initial=0)).astype(np.float32)
     return Slits(starts, row, col, table[:, 1], table[:, 3], table[:, 2], light, spread, track, previous)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -16,12 +16,15 @@ from slkit.codecs._color_pattern import (
     Layout,
     Style,
     Transitions,
+    Windows,
+    check_colors,
     default_sequence,
     features,
     layout,
+    unmixing,
 )
 from slkit.codecs._debruijn import least_distance, repeated_window
-from slkit.codecs._masks import Reader, colors_at, measure_light
+from slkit.codecs._masks import Reader, colors_at
 from slkit.data import Correspondences, Float32s, Frames, Image
 from slkit.errors import DecodeError, InputError
 from slkit.geometry import as_size
@@ -34,14 +37,8 @@ _REFERENCES = ("white", "black")
 _WHITE_ROWS, _WHITE_SLITS = 24.0, 4.0
 # Neighbouring rows see the same surface and err together: so many count as one.
 _CORRELATED_ROWS = 5.0
-
-
-@dataclass(frozen=True)
-class Windows:
-    """What makes a sequence unique: how many windows it has, and in how many places two of them differ at least."""
-
-    windows: int
-    distance: int
+# Least side of a picture in px; a channel is not believed to be reflected less than this share of the strongest one.
+_LEAST_SIDE, _LEAST_WHITE = 8, 0.02
 
 
 @dataclass(frozen=True)
@@ -81,23 +78,21 @@ class ColorStripes:
     def __post_init__(self) -> None:
         object.__setattr__(self, "projector", as_size(self.projector, "projector"))
         object.__setattr__(self, "colors", self.colors or (HUES if self.style == "slits" else tuple(PALETTE)))
-        unknown = [c for c in self.colors if c not in PALETTE]
-        if unknown or len(set(self.colors)) < len(self.colors) or len(self.colors) < 3:
-            raise InputError(f"colors must be three or more different ones of {', '.join(PALETTE)}")
-        if self.style == "slits" and "black" in self.colors:
-            raise InputError("black slits cannot be seen: leave black out of colors")
+        check_colors(self.style, self.colors, self.sequence)
         if self.window < 2:
             raise InputError(f"window must be at least 2, not {self.window}")
-        if not all(0 <= s < len(self.colors) for s in self.sequence):
-            raise InputError(f"sequence must name places in colors, 0 to {len(self.colors) - 1}")
         if not 0 <= self.first < self._extent:
             raise InputError(f"first must lie inside the image, 0 to {self._extent - 1}, not {self.first}")
         if not (self.min_snr > 0 and 0 < self.min_contrast < 1):
             raise InputError("min_snr must be positive, and min_contrast between 0 and 1")
+        unmixing(self.photometry)
         self._check_layout()
+        # Filled in, so that a capture.toml says what was projected even if the defaults change.
+        for name, value in (("width", self.layout.width), ("gap", self.layout.gap), ("sequence", self.layout.stripes)):
+            object.__setattr__(self, name, value)
 
     def _check_layout(self) -> None:
-        layout = self._layout
+        layout = self.layout
         if layout.width < 1 or layout.gap < (self.style == "slits") or (self.style == "edges" and layout.gap):
             raise InputError("width and gap must be at least 1 px, and edges have no gap")
         if len(layout.stripes) < self.window + 2:
@@ -116,7 +111,7 @@ class ColorStripes:
         """Return the picture of stripes, RGB, after white and black where references are wanted."""
         extent, (wide, high) = self._extent, self.projector
         line = np.zeros((extent, 3), dtype=np.uint8)
-        layout = self._layout
+        layout = self.layout
         for place, color in enumerate(layout.stripes):
             start = self.first + place * layout.period
             line[start : start + layout.width] = 255 * np.array(PALETTE[self.colors[color]], dtype=np.uint8)
@@ -131,46 +126,53 @@ class ColorStripes:
         bounds (h, w, 4): stripes outside are ruled out. Errors: InputError where frames do not fit the patterns or are
         grey, DecodeError where there are no slits.
         """
+        from slkit.codecs._chromatic import in_green
         from slkit.codecs._slit_colors import local_white, score_colors
         from slkit.codecs._stripe_labels import label_slits
         from slkit.codecs._view_slits import along_columns, see_slits
 
-        picture, lit = self._read(frames)
+        picture, references = self._read(frames)
+        if bounds is not None and bounds.shape != (*picture.shape[:2], 4):
+            raise InputError(f"bounds must have a row for each pixel of the picture, not the shape {bounds.shape}")
         turned = along_columns(picture)
         seen: Any = np.ascontiguousarray(picture.transpose(1, 0, 2)) if turned else picture
         edges = self.style == "edges"
         slits = see_slits(seen, edges, self.min_snr, self.min_contrast)
         if not len(slits):
-            raise DecodeError(
-                "there are no coloured slits: was the pattern projected, and is the exposure long enough?"
-            )
-        light = slits.light @ self._unmixing()
+            raise DecodeError("there are no coloured slits: was the pattern projected, is the exposure long enough?")
+        light = slits.light @ unmixing(self.photometry)
         light = light if edges else np.maximum(light, 0)
-        around = (_WHITE_ROWS, _WHITE_SLITS * slits.spacing)
-        white = np.ones_like(light) if self.references else local_white(slits.row, slits.col, light, around)
+        if references is None:
+            white = local_white(slits.row, slits.col, light, (_WHITE_ROWS, _WHITE_SLITS * slits.spacing))
+        else:
+            white = self._full(references, slits.xy(turned))
         scores = score_colors(light / white, slits.noise / white.max(axis=1), self._features.ideal, edges)
-        label, ahead = label_slits(slits, scores, self._features.kinds, self._allowed(slits, bounds, turned))
-        color = white / max(float(white.max()), 1e-6) if lit is None else colors_at(lit, slits.xy(turned))
+        label, ahead = label_slits(slits, scores, self._features, self._allowed(slits, bounds, turned))
+        if not edges:
+            slits = replace(slits, col=in_green(seen, slits, self._channels(label)))
+        color = np.clip(white / max(float(np.percentile(white, 99)), 1e-6), 0, 1)
         return self._found(slits, label, ahead, turned, color)
 
     def lit(self, frames: Frames) -> Image:
-        """Return the fully lit picture (h, w, 3): white, or the brightest of each channel around a pixel."""
+        """Return the fully lit picture (h, w): the strongest channel of white, or of what is around each pixel."""
         import cv2
 
-        if self.references:
-            return Reader(frames, self._names()).color(0)
         picture = Reader(frames, self._names()).color(0)
-        side = 2 * self._layout.period + 1
+        picture = picture if picture.ndim == 2 else picture.max(axis=2)
+        if self.references:
+            return picture
+        side = 2 * self.layout.period + 1
         grown: Any = cv2.dilate(picture, np.ones((side, side), np.uint8))
         return grown
 
     @cached_property
-    def _layout(self) -> Layout:
+    def layout(self) -> Layout:
+        """Which stripes fit into the image, and how wide and far apart they are in px."""
         return layout(self.style, self._sequence, self.width, self.gap, self._extent - self.first)
 
     @cached_property
     def _features(self) -> Features:
-        return features(self.style, self.colors, self._layout)
+        return features(self.style, self.colors, self.layout)
 
     @property
     def _sequence(self) -> tuple[int, ...]:
@@ -181,31 +183,33 @@ class ColorStripes:
         return self.projector[self.axes == "y"]
 
     def _names(self) -> list[str]:
-        return [*(_REFERENCES if self.references else ()), "stripes"]
+        return [*(_REFERENCES if self.references else ()), f"{self.axes}_stripes"]
 
-    def _read(self, frames: Frames) -> tuple[Image | Float32s, Image | None]:
-        """Return the picture of stripes, as a share of white - black where there are references, and white or None."""
+    def _read(self, frames: Frames) -> tuple[Image, tuple[Image, Image] | None]:
+        """Return the picture of stripes, and white and black or None."""
         reader = Reader(frames, self._names())
-        pictures = [reader.color(i) for i in range(len(frames))]
-        if pictures[-1].ndim != 3:
+        *references, last = (reader.color(i) for i in range(len(frames)))
+        levels = last[::3, ::3]
+        if last.ndim != 3 or (not np.ptp(levels, axis=2).any() and np.ptp(levels) > 0):
             raise InputError(f"frame {frames.names[-1]} is grey, but colour stripes need colour pictures")
-        if not self.references:
-            return pictures[0], None
-        white, black, stripes = pictures
-        light = measure_light(white, black, self.min_snr)
-        low, span = black.astype(np.float32), white.astype(np.float32) - black
-        share = (stripes - low) / np.maximum(span, np.float32(1))
-        return np.where(light.mask[:, :, None], np.clip(share, 0, 2), 0).astype(np.float32), white
+        if min(last.shape[:2]) < _LEAST_SIDE:
+            raise InputError(f"frame {frames.names[-1]} is only {last.shape[1]} x {last.shape[0]} px large")
+        return last, (references[0], references[1]) if references else None
 
-    def _unmixing(self) -> Float32s:
-        """Return the matrix (3, 3) that takes seen colours, as rows, to projected ones."""
-        if self.photometry is None:
-            return np.eye(3, dtype=np.float32)
-        return np.linalg.inv(np.asarray(self.photometry["mixing"], dtype=np.float64)).T.astype(np.float32)
+    def _full(self, references: tuple[Image, Image], xy: Float32s) -> Float32s:
+        """Return what white gives above black at places (m, 2) px, unmixed (m, 3)."""
+        white, black = (colors_at(r, xy) * float(r.max()) for r in references)
+        light = np.asarray((white - black) @ unmixing(self.photometry), dtype=np.float32)
+        return np.maximum(light, np.float32(_LEAST_WHITE) * light.max(axis=1, keepdims=True, initial=1))
+
+    def _channels(self, label: npt.NDArray[np.int32]) -> npt.NDArray[np.bool_]:
+        """Return which channels the slits of labels (m,) show (m, 3), none for -1."""
+        found = self._features
+        return (found.ideal[found.kinds[label]] > 0) & (label >= 0)[:, None]
 
     def _center(self, label: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
         """Return the projector position in px of labels (m,)."""
-        return self.first + self._features.offset + self._layout.period * label.astype(np.float64)
+        return self.first + self._features.offset + self.layout.period * label.astype(np.float64)
 
     def _allowed(self, slits: Slits, bounds: Bounds | None, turned: bool) -> npt.NDArray[np.int32]:
         """Return the first and the last label (m, 2) that bounds allow, last < first for none."""
@@ -214,10 +218,10 @@ class ColorStripes:
         if bounds is None:
             return result
         xy = np.rint(slits.xy(turned)).astype(np.intp)
-        limits = bounds[np.minimum(xy[:, 1], bounds.shape[0] - 1), np.minimum(xy[:, 0], bounds.shape[1] - 1)]
+        limits = bounds[xy[:, 1], xy[:, 0]]
         limits = (limits[:, 2:] if self.axes == "y" else limits[:, :2]) - float(self._center(np.zeros(1))[0])
         known = np.isfinite(limits).all(axis=1)
-        places = np.nan_to_num(limits / self._layout.period)
+        places = np.nan_to_num(limits / self.layout.period)
         result[:, 0] = np.maximum(np.ceil(places[:, 0] - 0.5), 0)
         result[:, 1] = np.where(known, np.minimum(np.floor(places[:, 1] + 0.5), count - 1), -1)
         return result
@@ -231,7 +235,7 @@ class ColorStripes:
         keep, axis = good.keep, 1 if self.axes == "y" else 0
         value, sigma = (np.full((int(keep.sum()), 2), np.nan, dtype=np.float32) for _ in range(2))
         value[:, axis] = self._center(label[keep])
-        steep = self._layout.period * np.abs(pace(slits, label, keep)[keep])
+        steep = self.layout.period * np.abs(pace(slits, label, keep)[keep])
         sigma[:, axis] = steep * np.hypot(slits.sigma_col, good.doubt)[keep]
         confidence = 1 / (1 + np.exp(-ahead[keep] / _CORRELATED_ROWS))
         return Correspondences(

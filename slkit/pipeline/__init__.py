@@ -14,21 +14,35 @@ from slkit.pipeline._coloring import (
     simulate_color,
     with_photometry,
 )
+from slkit.pipeline._comparing import compare
+from slkit.pipeline._comparing_measures import Rules
+from slkit.pipeline._comparing_references import Balls, Plate
+from slkit.pipeline._comparing_simulated import compare_simulated
+from slkit.pipeline._comparing_surface import Truth
+from slkit.pipeline._comparing_writing import write_comparison
 from slkit.pipeline._layouts import BOARDS
 from slkit.pipeline._patterns import load_codec, patterns, projected_charuco, projected_checkerboard, recipe_codec
 from slkit.pipeline._reporting import write_report
 from slkit.pipeline._scanning import ScanResult, bounds, exporter, make_filters, scan, view, write_cloud
+from slkit.pipeline._sequence import SequenceResult, scan_sequence
 from slkit.pipeline._simulating import simulate_calibration, simulate_scan
 
 __all__ = [
     "BOARDS",
+    "Balls",
     "CalibrationTask",
     "PAGES",
+    "Plate",
+    "Rules",
     "ScanResult",
+    "SequenceResult",
+    "Truth",
     "add_photometry",
     "bounds",
     "calibrate",
     "calibrate_captures",
+    "compare",
+    "compare_simulated",
     "decode_capture",
     "exporter",
     "load_calibration",
@@ -42,6 +56,7 @@ __all__ = [
     "provenance",
     "recipe_codec",
     "scan",
+    "scan_sequence",
     "simulate_calibration",
     "simulate_color",
     "simulate_scan",
@@ -50,5 +65,6 @@ __all__ = [
     "with_photometry",
     "write_board",
     "write_cloud",
+    "write_comparison",
     "write_report",
 ]

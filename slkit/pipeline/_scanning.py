@@ -157,9 +157,10 @@ def _watched(frames: Frames, progress: Progress | None) -> tuple[Frames, list[fl
 
 
 def with_rig_colors(codec: Any, rig: Rig) -> Any:
-    """Return the codec with the rig's `photometry`, where it asks for one and the rig has been measured."""
-    asks = any(f.name == "photometry" for f in dataclasses.fields(codec))
-    return dataclasses.replace(codec, photometry=rig.photometry) if asks and rig.photometry is not None else codec
+    """Return the codec with the rig's `photometry`, where it asks for one and has none of its own."""
+    if rig.photometry is None or getattr(codec, "photometry", ...) is not None:
+        return codec
+    return dataclasses.replace(codec, photometry=rig.photometry)
 
 
 def check_rig(rig: Rig, codec: Any, picture: Image, folder: str) -> None:

@@ -60,7 +60,9 @@ def scan_sequence(
     capture = found.capture
     given = merged(capture.parameters, parameters or {})
     codec = with_rig_colors(load_codec(capture.codec, capture.projector, given, str(capture.file)), rig)
-    scan = _Scan(codec, tuple(codec.encode().names), rig, depth, filters or Filters(isolated=False), Path(folder))
+    scan = _Scan(
+        codec, tuple(codec.encode().names), rig, depth, filters or Filters(isolated=False), Path(folder), found.name
+    )
     folder = make_folder(folder)
     old = sorted(p.name for p in folder.iterdir() if _CLOUD.fullmatch(p.name))
     if old:
@@ -90,6 +92,7 @@ class _Scan:
     depth: tuple[float, float] | None
     filters: Any
     folder: Path
+    source: str
 
     def write(self, index: int, loads: Sequence[Load], limits: Bounds | None) -> int | str:
         """Return how many points the cloud has that was written, or why there is none."""
@@ -97,6 +100,7 @@ class _Scan:
 
         try:
             frames = Frames.of([load() for load in loads], self.names)
+            check_rig(self.rig, self.codec, frames[0], f"{self.source}, {index:06d},")
             cloud = triangulate(self.codec.decode(frames, limits), self.rig)
             cloud, _ = self.filters.apply(cloud, self.depth) if len(cloud) else (cloud, {})
             if not len(cloud):
@@ -118,18 +122,14 @@ def _sets(loads: Iterator[Load], size: int) -> Iterator[list[Load]]:
 
 
 def _in_order(sets: Iterator[list[Load]], scan: _Scan) -> Iterator[tuple[int, int | str]]:
-    """Yield number and outcome of every scan; a few are under way at a time, on plain threads.
-
-    Errors: InputError where the first picture belongs to another rig.
-    """
+    """Yield number and outcome of every scan; a few are under way at a time, on plain threads."""
     workers = os.cpu_count() or 1
     waiting: deque[tuple[int, Future[int | str]]] = deque()
     limits: Bounds | None = None
     with ThreadPoolExecutor(workers) as pool:
         for index, loads in enumerate(sets):
-            if index == 0:
-                check_rig(scan.rig, scan.codec, loads[0](), str(scan.folder))
-                limits = None if scan.depth is None else bounds(scan.rig, scan.depth)
+            if index == 0 and scan.depth is not None:
+                limits = bounds(scan.rig, scan.depth)
             waiting.append((index, pool.submit(scan.write, index, loads, limits)))
             while len(waiting) > workers:
                 number, future = waiting.popleft()

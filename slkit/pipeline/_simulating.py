@@ -106,13 +106,13 @@ def simulate_scan(
     Errors: InputError for an unknown scene; FileError where the folder cannot be written.
     """
     rig, optics, folder = rig or paper_rig(), optics or Optics(), Path(folder)
-    built = [(_label(codec), *_codec(codec, rig, parameters, depth_axis(rig))) for codec in codecs]
-    if not built or len({label for label, _, _ in built}) < len(built):
+    built = [(label(codec), *_codec(codec, rig, parameters, depth_axis(rig))) for codec in codecs]
+    if not built or len({n for n, _, _ in built}) < len(built):
         raise InputError(f"codecs must be one or several different names, not {', '.join(codecs) or 'none'}")
     scanner = SimulatedScanner(_scene(scene, rig), rig, optics, seed)
     targets: list[Path] = []
-    for label, name, codec in built:
-        targets.append(folder if len(built) == 1 else folder / label)
+    for folder_name, name, codec in built:
+        targets.append(folder if len(built) == 1 else folder / folder_name)
         patterns = codec.encode()
         seen = scanner.under(_seeing(optics, patterns), seed).capture(patterns)
         write_frames(targets[-1], seen, progress)
@@ -197,7 +197,8 @@ def _seeing(optics: Optics, patterns: Frames) -> Optics:
     return dataclasses.replace(optics, color=optics.color or any(pattern.ndim == 3 for pattern in patterns))
 
 
-def _label(codec: str) -> str:
+def label(codec: str) -> str:
+    """Return what to call a codec, by its name or its recipe's."""
     return Path(codec).stem if codec.endswith(".toml") else codec
 
 

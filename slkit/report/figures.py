@@ -38,13 +38,19 @@ VIEWS = (View("from the front", 10.0, 6.0), View("turned 40 degrees", -40.0, 10.
 
 
 def draw_cloud(
-    cloud: PointCloud, size: tuple[int, int] = (1280, 960), views: tuple[View, ...] = VIEWS, colored: bool = False
+    cloud: PointCloud,
+    size: tuple[int, int] = (1280, 960),
+    views: tuple[View, ...] = VIEWS,
+    colored: bool = False,
+    frame_xyz: Doubles | None = None,
 ) -> npt.NDArray[np.uint8]:
     """Return an RGB picture (h, w, 3) of a cloud: the first view large, the others in a column beside it.
 
     size (width, height) px. Splats with a depth buffer, as large as the density of the points asks for, shaded by
     normals from the neighbourhood; parallel projection with a scale bar in mm in every panel. colored: paint the
-    colours that the camera saw; else the cloud looks like clay. Errors: InputError for a size below 320 x 240 px.
+    colours that the camera saw; else the cloud looks like clay. frame_xyz (n, 3) mm: the points that fill each panel,
+    default the cloud's own; clouds drawn with the same ones have one scale. Errors: InputError for a size below 320 x
+    240 px.
     """
     width, height = size
     if width < 320 or height < 240 or not views:
@@ -54,8 +60,9 @@ def draw_cloud(
     cloud = cloud.select(cloud.finite)
     color = cloud.color if colored else None
     panels = _panels(width, height, len(views)) if len(cloud) else []
+    frame = cloud.xyz if frame_xyz is None else frame_xyz
     scales = [
-        _draw(picture[y : y + h, x : x + w], cloud.xyz @ _turn(view).T, color)
+        _draw(picture[y : y + h, x : x + w], cloud.xyz @ _turn(view).T, color, frame @ _turn(view).T)
         for (x, y, w, h), view in zip(panels, views, strict=False)
     ]
     final = np.clip(np.rint(picture), 0, 255).astype(np.uint8)
@@ -81,11 +88,14 @@ def _turn(view: View) -> npt.NDArray[np.float64]:
     return tip @ turn
 
 
-def _draw(panel: Doubles, xyz: Doubles, color: Doubles | None) -> float:
-    """Draw points (n, 3) mm, in the viewer's frame, with colours (n, 3) into a panel; return its mm per px."""
+def _draw(panel: Doubles, xyz: Doubles, color: Doubles | None, frame: Doubles) -> float:
+    """Draw points (n, 3) mm, in the viewer's frame, with colours (n, 3) into a panel; return its mm per px.
+
+    frame (k, 3) mm: the points that fill the panel.
+    """
     height, width = panel.shape[:2]
     # Percentiles: a few strays must not shrink the object to a dot.
-    low, high = np.percentile(xyz, [0.3, 99.7], axis=0)
+    low, high = np.percentile(frame, [0.3, 99.7], axis=0)
     span = np.maximum(high - low, 1e-3)
     mm_per_px = float(max(span[0] / (width * 0.88), span[1] / (height * 0.82)))
     place = (xyz - (low + high) / 2) / mm_per_px + np.array([width / 2, height / 2 - 14, 0])

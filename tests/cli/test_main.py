@@ -23,7 +23,7 @@ def test_help_imports_nothing_heavy():
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "0 []"
-    assert "codecs: gray" in done.stdout
+    assert "codecs: color-fringe" in done.stdout
 
 
 def test_plugins(slkit):

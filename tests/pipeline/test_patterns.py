@@ -15,7 +15,7 @@ from slkit.targets import ProjectedCharuco, ProjectedCheckerboard
 
 @pytest.mark.parametrize("name", names("slkit.codecs"))
 def test_a_pattern_folder_says_how_to_read_pictures_of_it(tmp_path: Path, name: str):
-    codec = pipeline.load_codec(name, (64, 48))
+    codec = pipeline.load_codec(name, (128, 96))
     paths = pipeline.patterns(name, codec, tmp_path)
     shown = codec.encode()
     assert [p.name for p in paths] == [f"{i:03d}_{n}.png" for i, n in enumerate(shown.names)]

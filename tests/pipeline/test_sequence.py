@@ -6,7 +6,7 @@ import pytest
 
 from slkit import pipeline
 from slkit.codecs.gray import Gray
-from slkit.errors import DecodeError, FileError, InputError
+from slkit.errors import DecodeError, FileError
 from slkit.export import read_ply
 from slkit.files import write_png
 from slkit.geometry import Rig
@@ -50,12 +50,25 @@ def test_a_bad_picture_costs_its_own_cloud_only(moving: Path, gray_scan: Path, s
     assert not list((tmp_path / "clouds").glob("000001*"))
 
 
+def test_an_unreadable_first_picture_and_one_of_another_camera(
+    moving: Path, gray_scan: Path, small_rig: Rig, tmp_path: Path
+):
+    folder = shutil.copytree(moving, tmp_path / "moving")
+    count = len(list(gray_scan.glob("0*.png")))
+    (folder / "000.png").write_bytes(b"torn")
+    for number in range(count, 2 * count):
+        write_png(folder / f"{number:03d}.png", np.zeros((100, 120), np.uint8))
+    result = pipeline.scan_sequence(folder, small_rig, tmp_path / "clouds")
+    assert (result.scans, result.clouds) == (3, 1)
+    assert [f.name for f in (tmp_path / "clouds").iterdir()] == ["000002.ply"]
+
+
 def test_refusals(moving: Path, small_rig: Rig, tmp_path: Path):
     (tmp_path / "old").mkdir()
     (tmp_path / "old" / "000007.ply").write_bytes(b"")
     with pytest.raises(FileError, match=r"already holds clouds \(000007.ply\)"):
         pipeline.scan_sequence(moving, small_rig, tmp_path / "old")
-    with pytest.raises(InputError, match="the rig is for a camera of 768 x 576"):
+    with pytest.raises(DecodeError, match="no cloud from 3 scans: .*the rig is for a camera of 768 x 576"):
         pipeline.scan_sequence(moving, paper_rig(), tmp_path / "new")
     dark = tmp_path / "dark"
     dark.mkdir()
@@ -85,6 +98,6 @@ def test_memory_does_not_grow(small_rig: Rig, tmp_path: Path, monkeypatch: pytes
             yield [lambda kept=kept: np.zeros((144, 192), np.uint8)]
 
     monkeypatch.setattr(_sequence._Scan, "write", lambda _self, index, _loads, _limits: index)
-    scan = _sequence._Scan(Gray(small_rig.projector.size), ("one",), small_rig, None, None, tmp_path)
+    scan = _sequence._Scan(Gray(small_rig.projector.size), ("one",), small_rig, None, None, tmp_path, "here")
     assert sum(1 for _ in _sequence._in_order(loads(), scan)) == 400
     assert most < 20
