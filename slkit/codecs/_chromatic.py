@@ -36,7 +36,7 @@ def in_green(picture: Image | Singles, slits: Slits, lit: Mask) -> Singles:
         return slits.col
     field = _field(slits, picture.shape)
     center, _ = _centers(picture, slits, lit, some)
-    offset = field @ _fit(field[some], center)
+    offset = np.einsum("mi,ij->mj", field, _fit(field[some], center))
     if np.abs(offset).max() < _LEAST_PX:
         return slits.col
     at = np.flatnonzero(lit.any(axis=1))
@@ -74,11 +74,13 @@ def _fit(field: Doubles, center: Doubles) -> Doubles:
         rows.append(row.reshape(-1, 9))
         told.append((center[:, a] - center[:, b])[known])
     system, offset = np.concatenate(rows), np.concatenate(told)
-    weight = np.ones(len(offset))
+    square = np.ones(len(offset))
     solution: npt.NDArray[Any] = np.zeros(9)
     for _ in range(_ROUNDS):
-        solution = np.linalg.lstsq(system * weight[:, None], offset * weight, rcond=1e-6)[0]
-        away = np.abs(offset - system @ solution)
+        # Sums without BLAS, whose threads would wait for each other where pictures are decoded side by side.
+        normal = np.einsum("mi,mj->ij", system * square[:, None], system)
+        solution = np.linalg.lstsq(normal, np.einsum("mi,m->i", system, square * offset), rcond=1e-12)[0]
+        away = np.abs(offset - np.einsum("mi,i->m", system, solution))
         spread = max(1.4826 * float(np.median(away)), 1e-3)
-        weight = np.maximum(1 - (away / (_OUTLIER * spread)) ** 2, 0)
+        square = np.maximum(1 - (away / (_OUTLIER * spread)) ** 2, 0) ** 2
     return np.ascontiguousarray(solution.reshape(3, 3).T, dtype=np.float64)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from slkit.codecs._color_kernels import score, strongest_in_cells
+from slkit.codecs._color_kernels import largest, score, strongest_in_cells
 
 Singles = npt.NDArray[np.float32]
 
@@ -30,8 +30,8 @@ def local_white(row: npt.NDArray[np.int32], col: Singles, light: Singles, cell: 
     result = grown[rows, cols]
     typical = np.median(result, axis=0) if len(result) else np.ones(3, np.float32)
     typical = np.maximum(typical, 1e-3 * max(float(typical.max()), 1e-6))
-    relative = result / typical
-    relative = np.maximum(relative, _LEAST_ALBEDO * relative.max(axis=1, keepdims=True))
+    relative = (result / typical).astype(np.float32)
+    relative = np.maximum(relative, _LEAST_ALBEDO * largest(relative)[:, None])
     return (np.maximum(relative, 1e-6) * typical).astype(np.float32)
 
 
@@ -43,13 +43,13 @@ def score_colors(light: Singles, noise: Singles, ideal: Singles, signed: bool) -
     Source: the linear mixing model of Caspi, Kiryati and Shamir (1998), a Gaussian about each colour.
     """
     result = np.empty((len(light), len(ideal)), dtype=np.float32)
-    strongest = np.abs(light).max(axis=1, initial=0)
-    chroma = light / np.maximum(strongest, np.float32(1e-6))[:, None]
+    strongest = largest(np.abs(light))
+    chroma = (light / np.maximum(strongest, 1e-6)[:, None]).astype(np.float32)
     relative = (noise / np.maximum(strongest, np.float32(1e-6))).astype(np.float32)
     # With the strongest channel at 1 colours fill three unit squares, changes of colour six squares of side 2.
     room = 24.0 if signed else 3.0
     score(chroma, relative, ideal, room, result)
-    best = np.where((result.max(axis=1, initial=-9) > 1) & (relative < 0.1), result.argmax(axis=1), -1)
+    best = np.where((largest(result) > 1) & (relative < 0.1), result.argmax(axis=1), -1)
     learned = ideal.copy()
     for k in range(len(ideal)):
         own = chroma[best == k]

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from slkit.codecs._color_kernels import largest
 from slkit.codecs._color_pattern import Features
 from slkit.codecs._match_kernels import MOST_ROOM, match_lines, neighbours
 from slkit.codecs._track_kernels import room_before, vote
@@ -29,7 +30,7 @@ _NEIGHBOURS, _LEAST_NEIGHBOURS = 3, 1.5
 # A slit whose colour another label explains better by so many nats is not of its track.
 _WORST = 3.0
 # One of so many rows tells whether the picture is mirrored.
-_SAMPLED_ROWS = 8
+_SAMPLED_ROWS = 16
 
 
 @dataclass(frozen=True)
@@ -93,7 +94,7 @@ def _label(slits: Slits, scores: Singles, room: Wholes, view: _View) -> tuple[Wh
     order, ends = np.argsort(slits.track, kind="stable"), np.cumsum(np.bincount(slits.track))
     label, margin = np.empty_like(final), np.empty_like(ahead)
     voted, evidence = np.empty_like(final), np.empty((count, 3), dtype=np.float32)
-    slack = scores.max(axis=1) - _WORST
+    slack = largest(scores) - _WORST
     for each in _ROUNDS:
         match_lines(slits.starts, scores, room, view.kinds, allowed, final, each.together, _PRICES, label, margin)
         vote(order, ends, label, margin, len(view.kinds), each.switch, voted, evidence)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from slkit.codecs._color_kernels import largest
 from slkit.codecs._noise import Evidence, noise_curve
 from slkit.codecs._slit_kernels import CHANGED, SMOOTHED, find_slits, light_above
 from slkit.codecs._track_kernels import along_tracks, link_slits
@@ -79,12 +80,12 @@ def see_slits(picture: Image | Singles, edges: bool, min_snr: float, min_contras
     row, table = row[:count].copy(), table[:count].copy()
     light = np.empty((count, 3), np.float32)
     light_above(starts, table, 0 if edges else _FLOOR_SLITS, light)
-    strongest = np.maximum(np.abs(light).max(axis=1, initial=0), np.float32(1e-6))
+    strongest: Singles = np.maximum(largest(np.abs(light)), np.float32(1e-6), dtype=np.float32)
     col = np.ascontiguousarray(table[:, 0])
     track, previous = np.empty(count, np.int32), np.empty(count, np.int32)
     link_slits(starts, col, light / strongest[:, None], _REACH, _APART, track, previous)
     light = along_tracks(light, previous, _KEEP)
-    spread = np.sqrt(noise[0] + noise[1] * np.abs(light).max(axis=1, initial=0)).astype(np.float32)
+    spread = np.sqrt(noise[0] + noise[1] * largest(np.abs(light))).astype(np.float32)
     return Slits(starts, row, col, table[:, 1], table[:, 3], table[:, 2], light, spread, track, previous)
 
 

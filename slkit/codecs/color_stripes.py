@@ -127,6 +127,7 @@ class ColorStripes:
         grey, DecodeError where there are no slits.
         """
         from slkit.codecs._chromatic import in_green
+        from slkit.codecs._color_kernels import largest
         from slkit.codecs._slit_colors import local_white, score_colors
         from slkit.codecs._stripe_labels import label_slits
         from slkit.codecs._view_slits import along_columns, see_slits
@@ -140,13 +141,13 @@ class ColorStripes:
         slits = see_slits(seen, edges, self.min_snr, self.min_contrast)
         if not len(slits):
             raise DecodeError("there are no coloured slits: was the pattern projected, is the exposure long enough?")
-        light = slits.light @ unmixing(self.photometry)
+        light = np.einsum("mi,ij->mj", slits.light, unmixing(self.photometry))
         light = light if edges else np.maximum(light, 0)
         if references is None:
             white = local_white(slits.row, slits.col, light, (_WHITE_ROWS, _WHITE_SLITS * slits.spacing))
         else:
             white = self._full(references, slits.xy(turned))
-        scores = score_colors(light / white, slits.noise / white.max(axis=1), self._features.ideal, edges)
+        scores = score_colors(light / white, slits.noise / largest(white), self._features.ideal, edges)
         label, ahead = label_slits(slits, scores, self._features, self._allowed(slits, bounds, turned))
         if not edges:
             slits = replace(slits, col=in_green(seen, slits, self._channels(label)))
@@ -190,7 +191,7 @@ class ColorStripes:
         reader = Reader(frames, self._names())
         *references, last = (reader.color(i) for i in range(len(frames)))
         levels = last[::3, ::3]
-        if last.ndim != 3 or (not np.ptp(levels, axis=2).any() and np.ptp(levels) > 0):
+        if last.ndim != 3 or (np.ptp(levels) > 0 and bool((levels == levels[:, :, :1]).all())):
             raise InputError(f"frame {frames.names[-1]} is grey, but colour stripes need colour pictures")
         if min(last.shape[:2]) < _LEAST_SIDE:
             raise InputError(f"frame {frames.names[-1]} is only {last.shape[1]} x {last.shape[0]} px large")

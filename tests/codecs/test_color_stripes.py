@@ -16,6 +16,9 @@ from slkit.codecs.color_stripes import ColorStripes
 from slkit.data import Frames
 from slkit.errors import DecodeError, InputError
 from slkit.registry import create
+from slkit.simulation import Optics, SimulatedScanner, one_to_one_rig, scene
+
+from .stripe_truth import score
 
 SIZE = (240, 60)
 PERIOD = 12
@@ -351,3 +354,19 @@ def test_other_colors_than_projected_give_next_to_nothing() -> None:
     codec = ColorStripes(SIZE)
     swapped = np.ascontiguousarray(seen(codec)[0][:, :, ::-1])
     assert len(codec.decode(Frames.of([swapped]))) < 0.02 * len(codec.decode(seen(codec)))
+
+
+@pytest.mark.parametrize("albedo", [(1.0, 0.8, 0.02), (0.02, 1.0, 1.0), (1.0, 0.02, 0.9)])
+def test_paint_that_hides_a_channel_gives_no_wrong_labels(albedo: tuple[float, float, float]) -> None:
+    """A white picture tells which channels come back; what is not seen must not become another colour."""
+    rig = one_to_one_rig()
+    paint = scene.plane(1100.0, (8.0, -6.0), (700.0, 500.0), albedo=albedo)
+    codec = ColorStripes(rig.projector.size, references=True)
+    scanner = SimulatedScanner(paint, rig, Optics(color=True, read_noise=2.0, shot_noise=0.0), 1)
+    found = codec.decode(scanner.capture(codec.encode()))
+    seen = scanner.truth()
+    truth = np.full((*seen.lit.shape, 2), np.nan)
+    truth[seen.lit] = seen.projector_xy
+    result = score(codec, found, truth)
+    assert result.error.wrong <= 0.005
+    assert result.visible > 0.3
