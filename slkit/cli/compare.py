@@ -70,7 +70,7 @@ def compare(
 ) -> None:
     """Compare methods on one rig: a table, pictures and a page, from scans or from a simulation."""
     from slkit import pipeline
-    from slkit.files import make_folder, read_provenance, read_rig
+    from slkit.files import read_provenance, read_rig
 
     objects = {"--truth": truth, "--plane": plane or None, "--spheres": spheres}
     of_simulation = {"--codec": codec, "--optics": optics, "--noise": noise, "--seed": seed}
@@ -81,7 +81,8 @@ def compare(
     else:
         _check_simulation(folders, _given(objects), codec, blur)
     rules = pipeline.Rules(radius, blur or (0.6, 0.6), depth)
-    make_folder(output)
+    if output.exists() and not output.is_dir():
+        raise InputError(f"{output} is no folder: name another one with -o")
     limits = (near, outlier)
     with progress_bar() as progress:
         if simulate is not None:

@@ -15,7 +15,7 @@ from slkit.pipeline._calibrating import calibrate, provenance
 from slkit.pipeline._comparing import compare, origin
 from slkit.pipeline._comparing_measures import Rules
 from slkit.pipeline._comparing_surface import Truth
-from slkit.pipeline._simulating import label, simulate_calibration, simulate_scan
+from slkit.pipeline._simulating import label, scene_named, simulate_calibration, simulate_scan
 from slkit.report.comparison import Comparison
 from slkit.simulation import Optics, paper_rig
 
@@ -42,8 +42,10 @@ def compare_simulated(
     comparison with the same optics, seed and poses. limits_mm: how near counts as complete, how far as outlier.
     Errors: as `simulate_scan` and `compare`.
     """
-    folder, optics = make_folder(folder), optics or Optics()
     truth, table = rig or true_rig or paper_rig(), dict[str, Any]()
+    # A wrong name is told before a calibration is simulated.
+    scene_named(scene, truth)
+    folder, optics = make_folder(folder), optics or Optics()
     if rig is None:
         rig, table = _calibrated(folder, truth, optics, seed, poses, progress)
         words = f"{poses} simulated poses of each side of a board, with the noise of the scans: {origin(table)}"

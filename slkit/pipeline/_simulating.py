@@ -109,7 +109,7 @@ def simulate_scan(
     built = [(label(codec), *_codec(codec, rig, parameters, depth_axis(rig))) for codec in codecs]
     if not built or len({n for n, _, _ in built}) < len(built):
         raise InputError(f"codecs must be one or several different names, not {', '.join(codecs) or 'none'}")
-    scanner = SimulatedScanner(_scene(scene, rig), rig, optics, seed)
+    scanner = SimulatedScanner(scene_named(scene, rig), rig, optics, seed)
     targets: list[Path] = []
     for folder_name, name, codec in built:
         targets.append(folder if len(built) == 1 else folder / folder_name)
@@ -202,7 +202,8 @@ def label(codec: str) -> str:
     return Path(codec).stem if codec.endswith(".toml") else codec
 
 
-def _scene(scene: str, rig: Rig) -> Scene:
+def scene_named(scene: str, rig: Rig) -> Scene:
+    """Return the catalogue's scene of that name, or a mesh file's, for a rig. Errors: InputError listing the names."""
     if Path(scene).suffix:
         return fitted_mesh(rig, *read_mesh(scene))
     return build(scene, rig)

@@ -89,7 +89,7 @@ def test_mistakes(slkit, copies: list[Path], rig_file: Path, small_rig: Rig, tmp
     assert "given twice" in refused(slkit, scan, scan, "--rig", rig_file, *out)
     assert "no ball of diameter" in refused(slkit, *common, "--spheres", 7, 7, 30)
     (tmp_path / "file").write_text("mine")
-    assert "the folder" in refused(slkit, scan, "--rig", rig_file, "-o", tmp_path / "file")
+    assert "is no folder" in refused(slkit, scan, "--rig", rig_file, "-o", tmp_path / "file")
     assert (tmp_path / "file").read_text() == "mine"
 
 
@@ -99,4 +99,4 @@ def test_a_rig_that_does_not_fit(slkit, copies: list[Path], tmp_path: Path):
     write_rig(tmp_path / "other.json", paper_rig())
     told = refused(slkit, *copies, "--rig", tmp_path / "other.json", "-o", tmp_path / "out")
     assert "nothing could be compared" in told and "camera of 768 x 576 px" in told
-    assert not list((tmp_path / "out").iterdir())
+    assert not (tmp_path / "out").exists()
