@@ -51,7 +51,9 @@ def read_image(path: str | Path) -> Image:
         raise FileError(f"{path} holds {image.dtype} values: save it with 8 or 16 bits a channel")
     if image.ndim == 3 and image.shape[2] == 1:
         image = image[..., 0]
-    return np.ascontiguousarray(image[..., 2::-1]) if image.ndim == 3 else image
+    if image.ndim == 2:
+        return image
+    return cv2.cvtColor(image, cv2.COLOR_BGRA2RGB if image.shape[2] == 4 else cv2.COLOR_BGR2RGB)
 
 
 def write_png(path: str | Path, image: npt.NDArray[np.uint8] | npt.NDArray[np.uint16]) -> None:

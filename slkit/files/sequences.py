@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from slkit.data import Image
 from slkit.errors import FileError
 from slkit.files.folders import CaptureFolder, read_capture
@@ -79,7 +77,7 @@ def _frames(video: Path) -> Iterator[Image]:
         if not going:
             raise FileError(f"{video} cannot be read as a video: it is damaged, empty, or of an unknown kind")
         while going:
-            picture: Any = np.ascontiguousarray(image[..., ::-1])
+            picture: Any = cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
             yield picture
             going, image = reader.read()
     finally:
