@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 import numpy.typing as npt
 
+from slkit.codecs._color_frames import CORRELATED_ROWS, REFERENCES, any_label, labels_within, limits_at, read_colors
 from slkit.codecs._color_pattern import (
     HUES,
     PALETTE,
@@ -30,10 +31,7 @@ if TYPE_CHECKING:
     from slkit.codecs._fourier import Phases
     from slkit.codecs._view_slits import Slits
 
-_REFERENCES = ("white", "black")
 _PERIOD_PX, _SHORTEST_PX = 16, 4
-# Neighbouring rows see the same surface and err together: so many count as one.
-_CORRELATED_ROWS = 5.0
 # A position may lie so far outside the bounds.
 _SLACK_PX = 0.5
 
@@ -118,7 +116,9 @@ class ColorFringe:
         from slkit.codecs._slit_colors import score_colors
         from slkit.codecs._view_slits import along_columns, see_slits
 
-        picture, references = self._read(frames)
+        picture, references = read_colors(frames, self._names(), "colour fringes")
+        if references is not None:
+            measure_light(*references, self.min_snr)
         turn = along_columns(picture)
         slits = see_slits(turned(picture) if turn else picture, False, self.min_snr, self.min_contrast)
         if not len(slits):
@@ -166,37 +166,15 @@ class ColorFringe:
         return self.projector[self.axes == "y"]
 
     def _names(self) -> list[str]:
-        return [*(_REFERENCES if self.references else ()), f"{self.axes}_fringes"]
-
-    def _read(self, frames: Frames) -> tuple[Image, tuple[Image, Image] | None]:
-        """Return the picture of fringes, and white and black where there are any."""
-        reader = Reader(frames, self._names())
-        pictures = [reader.color(i) for i in range(len(frames))]
-        if pictures[-1].ndim != 3:
-            raise InputError(f"frame {frames.names[-1]} is grey, but colour fringes need colour pictures")
-        if not self.references:
-            return pictures[0], None
-        measure_light(pictures[0], pictures[1], self.min_snr)
-        return pictures[2], (pictures[0], pictures[1])
-
-    def _limits(self, bounds: Bounds, xy: Float32s) -> Float32s:
-        """Return the smallest and the largest position in px (m, 2) that bounds allow at camera positions (m, 2)."""
-        col, row = np.rint(xy).astype(np.intp).T
-        near = bounds[np.clip(row, 0, bounds.shape[0] - 1), np.clip(col, 0, bounds.shape[1] - 1)]
-        return near[:, 2:] if self.axes == "y" else near[:, :2]
+        return [*(REFERENCES if self.references else ()), f"{self.axes}_fringes"]
 
     def _allowed(self, slits: Slits, bounds: Bounds | None, turned: bool) -> npt.NDArray[np.int32]:
         """Return the first and the last fringe (m, 2) that bounds allow, last < first for none."""
         count = len(self.layout.stripes)
-        result = np.tile(np.array([0, count - 1], dtype=np.int32), (len(slits), 1))
         if bounds is None:
-            return result
-        limits = (self._limits(bounds, slits.xy(turned)) - self._features.offset) / self.layout.period
-        places = np.nan_to_num(limits)
-        result[:, 0] = np.maximum(np.ceil(places[:, 0] - 0.5), 0)
-        last = np.minimum(np.floor(places[:, 1] + 0.5), count - 1)
-        result[:, 1] = np.where(np.isfinite(limits).all(axis=1), last, -1)
-        return result
+            return any_label(len(slits), count)
+        limits = limits_at(bounds, slits.xy(turned), int(self.axes == "y"))
+        return labels_within(limits, self._features.offset, self.layout.period, count)
 
     def _found(
         self,
@@ -212,11 +190,11 @@ class ColorFringe:
         position = self._features.offset + self.layout.period * phases.place
         keep = (position > -0.5) & (position < self._extent - 0.5)
         if bounds is not None:
-            low, high = self._limits(bounds, camera_xy).T
+            low, high = limits_at(bounds, camera_xy, int(self.axes == "y")).T
             keep &= (position >= low - _SLACK_PX) & (position <= high + _SLACK_PX)
         axis = int(self.axes == "y")
         value, sigma = (np.full((int(keep.sum()), 2), np.nan, dtype=np.float32) for _ in range(2))
         value[:, axis], sigma[:, axis] = position[keep], self.layout.period * phases.sigma[keep]
-        sure = 1 / (1 + np.exp(-ahead[phases.slit] / _CORRELATED_ROWS))
+        sure = 1 / (1 + np.exp(-ahead[phases.slit] / CORRELATED_ROWS))
         confidence = (sure * phases.trust)[keep].astype(np.float32)
         return Correspondences(camera_xy[keep], value, sigma, confidence, color[phases.slit[keep]].astype(np.float32))

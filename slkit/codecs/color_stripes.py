@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 import numpy.typing as npt
 
+from slkit.codecs._color_frames import CORRELATED_ROWS, REFERENCES, any_label, labels_within, limits_at, read_colors
 from slkit.codecs._color_pattern import (
     HUES,
     PALETTE,
@@ -33,12 +34,9 @@ from slkit.protocols import Bounds
 if TYPE_CHECKING:
     from slkit.codecs._view_slits import Slits
 
-_REFERENCES = ("white", "black")
 _WHITE_ROWS, _WHITE_SLITS = 24.0, 4.0
-# Neighbouring rows see the same surface and err together: so many count as one.
-_CORRELATED_ROWS = 5.0
-# Least side of a picture in px; a channel is not believed to be reflected less than this share of the strongest one.
-_LEAST_SIDE, _LEAST_WHITE = 8, 0.02
+# A channel is not believed to be reflected less than this share of the strongest one.
+_LEAST_WHITE = 0.02
 
 
 @dataclass(frozen=True)
@@ -132,7 +130,7 @@ class ColorStripes:
         from slkit.codecs._stripe_labels import label_slits
         from slkit.codecs._view_slits import along_columns, see_slits
 
-        picture, references = self._read(frames)
+        picture, references = read_colors(frames, self._names(), "colour stripes")
         if bounds is not None and bounds.shape != (*picture.shape[:2], 4):
             raise InputError(f"bounds must have a row for each pixel of the picture, not the shape {bounds.shape}")
         turned = along_columns(picture)
@@ -184,18 +182,7 @@ class ColorStripes:
         return self.projector[self.axes == "y"]
 
     def _names(self) -> list[str]:
-        return [*(_REFERENCES if self.references else ()), f"{self.axes}_stripes"]
-
-    def _read(self, frames: Frames) -> tuple[Image, tuple[Image, Image] | None]:
-        """Return the picture of stripes, and white and black or None."""
-        reader = Reader(frames, self._names())
-        *references, last = (reader.color(i) for i in range(len(frames)))
-        levels = last[::3, ::3]
-        if last.ndim != 3 or (np.ptp(levels) > 0 and bool((levels == levels[:, :, :1]).all())):
-            raise InputError(f"frame {frames.names[-1]} is grey, but colour stripes need colour pictures")
-        if min(last.shape[:2]) < _LEAST_SIDE:
-            raise InputError(f"frame {frames.names[-1]} is only {last.shape[1]} x {last.shape[0]} px large")
-        return last, (references[0], references[1]) if references else None
+        return [*(REFERENCES if self.references else ()), f"{self.axes}_stripes"]
 
     def _full(self, references: tuple[Image, Image], xy: Float32s) -> Float32s:
         """Return what white gives above black at places (m, 2) px, unmixed (m, 3)."""
@@ -215,17 +202,10 @@ class ColorStripes:
     def _allowed(self, slits: Slits, bounds: Bounds | None, turned: bool) -> npt.NDArray[np.int32]:
         """Return the first and the last label (m, 2) that bounds allow, last < first for none."""
         count = len(self._features.kinds)
-        result = np.tile(np.array([0, count - 1], dtype=np.int32), (len(slits), 1))
         if bounds is None:
-            return result
-        xy = np.rint(slits.xy(turned)).astype(np.intp)
-        limits = bounds[xy[:, 1], xy[:, 0]]
-        limits = (limits[:, 2:] if self.axes == "y" else limits[:, :2]) - float(self._center(np.zeros(1))[0])
-        known = np.isfinite(limits).all(axis=1)
-        places = np.nan_to_num(limits / self.layout.period)
-        result[:, 0] = np.maximum(np.ceil(places[:, 0] - 0.5), 0)
-        result[:, 1] = np.where(known, np.minimum(np.floor(places[:, 1] + 0.5), count - 1), -1)
-        return result
+            return any_label(len(slits), count)
+        limits = limits_at(bounds, slits.xy(turned), int(self.axes == "y"))
+        return labels_within(limits, float(self._center(np.zeros(1))[0]), self.layout.period, count)
 
     def _found(
         self, slits: Slits, label: npt.NDArray[np.int32], ahead: Float32s, turned: bool, color: npt.NDArray[Any]
@@ -238,7 +218,7 @@ class ColorStripes:
         value[:, axis] = self._center(label[keep])
         steep = self.layout.period * np.abs(pace(slits, label, keep)[keep])
         sigma[:, axis] = steep * np.hypot(slits.sigma_col, good.doubt)[keep]
-        confidence = 1 / (1 + np.exp(-ahead[keep] / _CORRELATED_ROWS))
+        confidence = 1 / (1 + np.exp(-ahead[keep] / CORRELATED_ROWS))
         return Correspondences(
             slits.xy(turned)[keep], value, sigma, confidence.astype(np.float32), color[keep].astype(np.float32)
         )
