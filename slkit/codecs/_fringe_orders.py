@@ -63,5 +63,5 @@ def _guesses(
     kinds: Any = np.ascontiguousarray(features.kinds[::sign])
     limits: Any = np.ascontiguousarray(allowed if sign > 0 else last - allowed[:, ::-1])
     fixed = label if sign > 0 else np.where(label >= 0, last - label, label)
-    match_lines(slits.starts, scores, room, kinds, limits, fixed, True, _PRICES, guess, margin)
+    match_lines(slits.starts, scores, room, kinds, limits, fixed, _PRICES, guess, margin)
     return (guess if sign > 0 else np.where(guess >= 0, last - guess, guess)), margin

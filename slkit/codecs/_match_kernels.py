@@ -29,7 +29,6 @@ def match_lines(
     kinds: Wholes,
     allowed: Wholes,
     fixed: Wholes,
-    together: bool,
     prices: tuple[float, float, float],
     label: Wholes,
     margin: Singles,
@@ -66,7 +65,7 @@ def match_lines(
                 label[i], margin[i] = fixed[i], _KNOWN
         i = first
         while i < last:
-            i, count = _next_chain(fixed, first, i, last, together, chain)
+            i, count = _next_chain(fixed, first, i, last, chain)
             if not count:
                 continue
             for k in range(count):
@@ -103,9 +102,7 @@ def neighbours(starts: npt.NDArray[np.int64], label: Wholes, most: int, out: Sin
 
 
 @numba.njit(cache=True, nogil=True)
-def _next_chain(
-    fixed: Wholes, first: int, i: int, last: int, together: bool, chain: npt.NDArray[np.int64]
-) -> tuple[int, int]:
+def _next_chain(fixed: Wholes, first: int, i: int, last: int, chain: npt.NDArray[np.int64]) -> tuple[int, int]:
     """Write which slits from i on are to be matched next, and return where to go on and how many they are.
 
     Slits without a label, up to the next one that has its place: the labels on both sides are all that matters to them.
@@ -115,13 +112,12 @@ def _next_chain(
         i += 1
     if i == last:
         return last, 0
-    if together and i > first and fixed[i - 1] >= 0:
+    if i > first and fixed[i - 1] >= 0:
         chain[0] = i - 1
         count = 1
-    while i < last and (fixed[i] < 0 or not together):
-        if fixed[i] < 0:
-            chain[count] = i
-            count += 1
+    while i < last and fixed[i] < 0:
+        chain[count] = i
+        count += 1
         i += 1
     if i < last:
         chain[count] = i

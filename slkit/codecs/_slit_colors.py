@@ -12,7 +12,10 @@ Singles = npt.NDArray[np.float32]
 # A channel is not believed to be reflected less than this share as well as the strongest one.
 _LEAST_ALBEDO = 0.25
 # So many sure slits tell what a colour looks like to this camera.
-_LEARNED_FROM = 30
+_LEARNED_FROM, _LEARNED_AT_MOST = 30, 6000
+# What makes a slit sure: by so many nats it has one colour rather than any other, with so little noise.
+_SURELY, _LEAST_NOISY = 1.0, 0.1
+_LESSONS = 2
 
 
 def local_white(row: npt.NDArray[np.int32], col: Singles, light: Singles, cell: tuple[float, float]) -> Singles:
@@ -48,12 +51,26 @@ def score_colors(light: Singles, noise: Singles, ideal: Singles, signed: bool) -
     relative = (noise / np.maximum(strongest, np.float32(1e-6))).astype(np.float32)
     # With the strongest channel at 1 colours fill three unit squares, changes of colour six squares of side 2.
     room = 24.0 if signed else 3.0
-    score(chroma, relative, ideal, room, result)
-    best = np.where((largest(result) > 1) & (relative < 0.1), result.argmax(axis=1), -1)
-    learned = ideal.copy()
-    for k in range(len(ideal)):
-        own = chroma[best == k]
-        if len(own) >= _LEARNED_FROM:
-            learned[k] = np.median(own, axis=0)
+    step = 1 + len(light) // _LEARNED_AT_MOST
+    learned = ideal
+    for _ in range(_LESSONS):
+        score(chroma, relative, learned, room, result)
+        learned = _learned(chroma[::step], result[::step], relative[::step], ideal)
     score(chroma, relative, learned, room, result)
     return result
+
+
+def _learned(chroma: Singles, scores: Singles, noise: Singles, ideal: Singles) -> Singles:
+    """Return what each colour (k, 3) looks like: the median of the slits that no other colour explains nearly as well.
+
+    chroma (m, 3); scores (m, k); noise (m,); ideal (k, 3): what a colour stays where too few slits have it.
+    """
+    best = scores.argmax(axis=1)
+    second, first = np.partition(scores, -2, axis=1)[:, -2:].T
+    sure = (first - second > _SURELY) & (noise < _LEAST_NOISY)
+    learned = ideal.copy()
+    for k in range(len(ideal)):
+        own = chroma[sure & (best == k)]
+        if len(own) >= _LEARNED_FROM:
+            learned[k] = np.median(own, axis=0)
+    return learned

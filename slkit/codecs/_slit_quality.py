@@ -24,6 +24,8 @@ _WIDTH_DOUBT, _CONTRAST_DOUBT = 0.4, 0.1
 _SAMPLING_DOUBT = 0.015
 # A slit is narrower than this share of its neighbour's width only where something cuts it.
 _USUAL_WIDTH = 0.9
+# And with such a share of its neighbour's width or light an edge has cut it for certain.
+_CUT_WIDTH, _CUT_LIGHT = 0.75, 0.5
 _KEEP = 0.9
 _FARTHEST_NEIGHBOUR = 3
 
@@ -36,8 +38,11 @@ class Regular:
     doubt: Singles
 
 
-def regular(slits: Slits, label: Wholes) -> Regular:
-    """Tell which labelled slits are whole. label (m,): -1 for none; a slit with no neighbour on its track is not."""
+def regular(slits: Slits, label: Wholes, shown: Singles) -> Regular:
+    """Tell which labelled slits are whole; a slit with no neighbour on its track is not.
+
+    label (m,): -1 for none; shown (m,): light as a share of what white gives there.
+    """
     following = np.full(len(slits), -1)
     has = slits.previous >= 0
     following[slits.previous[has]] = np.flatnonzero(has)
@@ -47,20 +52,26 @@ def regular(slits: Slits, label: Wholes) -> Regular:
     whole = (width > np.log(_NARROWEST)) & (width < np.log(_WIDEST)) & (contrast > np.log(_DARKEST))
     like = (np.abs(width) < _END_WIDTH) & (np.abs(contrast) < _END_CONTRAST)
     doubt = slits.width * np.hypot(_WIDTH_DOUBT * width, _CONTRAST_DOUBT * contrast)
-    doubt = np.hypot(np.hypot(doubt, _cut(slits, label)), _SAMPLING_DOUBT)
-    return Regular((label >= 0) & whole & (same[0] & same[1] | (same[0] | same[1]) & like), doubt.astype(np.float32))
+    moved, cut = _cut(slits, label, shown)
+    doubt = np.hypot(np.hypot(doubt, moved), _SAMPLING_DOUBT)
+    return Regular(
+        (label >= 0) & whole & ~cut & (same[0] & same[1] | (same[0] | same[1]) & like), doubt.astype(np.float32)
+    )
 
 
-def _cut(slits: Slits, label: Wholes) -> Singles:
-    """Return how far in px an edge may have moved the slit beside it (m,): half of what it is narrower than the next.
+def _cut(slits: Slits, label: Wholes, shown: Singles) -> tuple[Singles, Mask]:
+    """Return how far in px an edge may have moved the slit beside it (m,), and which slits it has cut for certain (m,).
 
-    At the end of a row of labelled slits something hides the others: shadow, or an edge all along the track.
+    At the end of a row of labelled slits something hides the others: shadow, or an edge all along the track. It may
+    have moved the last one by half of what that is narrower than the next.
     """
     joined = (np.diff(slits.row) == 0) & (np.abs(np.diff(label)) == 1) & (label[1:] >= 0) & (label[:-1] >= 0)
     after, before = np.append(joined, False), np.insert(joined, 0, False)
-    beside = np.where(after, np.roll(slits.width, -1), np.roll(slits.width, 1))
-    lacking = np.maximum(_USUAL_WIDTH * beside - slits.width, 0) / 2
-    return np.where(after != before, lacking, 0).astype(np.float32)
+    last = after != before
+    width, bright = (np.where(after, np.roll(v, -1), np.roll(v, 1)) for v in (slits.width, shown))
+    lacking = np.where(last, np.maximum(_USUAL_WIDTH * width - slits.width, 0) / 2, 0)
+    sure = last & ((slits.width < _CUT_WIDTH * width) | (shown < _CUT_LIGHT * bright))
+    return lacking.astype(np.float32), sure
 
 
 def pace(slits: Slits, label: Wholes, keep: Mask) -> Singles:

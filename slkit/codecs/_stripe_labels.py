@@ -1,4 +1,4 @@
-"""Labels of slits from their colours: order along scan lines, one label along a track, and what stands out of order."""
+"""Labels of slits from their colours: order along scan lines, one label along a track, and company on all sides."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy.typing as npt
 from slkit.codecs._color_kernels import largest
 from slkit.codecs._color_pattern import Features
 from slkit.codecs._match_kernels import MOST_ROOM, match_lines, neighbours
+from slkit.codecs._pieces import label_pieces
 from slkit.codecs._track_kernels import room_before, vote
 from slkit.codecs._view_slits import Slits
 
@@ -20,6 +21,8 @@ Mask = npt.NDArray[np.bool_]
 # Prices in nats: a stripe that nobody saw where there was room for it, or one too many; a step anywhere else, forward
 # or back, at an edge of the scene; a label that its line has already, for rows are not quite epipolar lines.
 _PRICES = 4.0, 6.0, 2.0
+# What the first round makes sure of holds the rest in order.
+_ROUNDS = 2
 _LEAST_ROWS = 4
 # What all rows together must say for a label at least, with all that speaks against it counted three times.
 _LEAST_EVIDENCE = 8.0
@@ -29,20 +32,10 @@ _CONTRADICTION = 3.0
 _NEIGHBOURS, _LEAST_NEIGHBOURS = 3, 1.5
 # A slit whose colour another label explains better by so many nats is not of its track.
 _WORST = 3.0
+# What it costs in nats that a track changes its label.
+_SWITCH = 40.0
 # One of so many rows tells whether the picture is mirrored.
 _SAMPLED_ROWS = 16
-
-
-@dataclass(frozen=True)
-class _Round:
-    """One pass. together: slits that are sure hold the others in order, else the others are matched by themselves.
-
-    switch: what it costs in nats that a track changes its label; least: what a row must say for a label on average.
-    """
-
-    together: bool
-    switch: float
-    least: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,20 +46,11 @@ class _View:
     allowed: Wholes
 
 
-_ROUNDS = (
-    _Round(True, 1e9, 1.0),
-    _Round(True, 1e9, 1.0),
-    _Round(True, 40.0, 1.0),
-    _Round(False, 40.0, 0.8),
-)
-
-
 def label_slits(slits: Slits, scores: Singles, features: Features, allowed: Wholes) -> tuple[Wholes, Singles]:
     """Return the label (m,) of every slit, -1 for none, and by how much it is ahead of others (m,), in nats.
 
     scores (m, k), allowed (m, 2): see `match_lines`. A mirrored picture shows the pattern from its end. Tracks whose
-    rows agree come first; they then hold the others in order. What is left is matched by itself with the labels that
-    are left: slits in front of others, which stand out of order.
+    rows agree come first; what they leave open is told by what lies around it, see `label_pieces`.
     """
     room = np.empty(len(slits), dtype=np.int32)
     room_before(slits.starts, slits.col, MOST_ROOM, room)
@@ -83,7 +67,7 @@ def _agreement(slits: Slits, scores: Singles, room: Wholes, view: _View) -> floa
     starts = np.searchsorted(slits.row[at], np.arange(0, len(slits.starts) + _SAMPLED_ROWS, _SAMPLED_ROWS))
     label, margin = np.empty(len(at), dtype=np.int32), np.empty(len(at), dtype=np.float32)
     free = np.full_like(label, -1)
-    told = view.kinds, np.ascontiguousarray(view.allowed[at]), free, True
+    told = view.kinds, np.ascontiguousarray(view.allowed[at]), free
     match_lines(starts, scores[at], room[at], *told, _PRICES, label, margin)
     return float(margin[label >= 0].sum())
 
@@ -94,17 +78,17 @@ def _label(slits: Slits, scores: Singles, room: Wholes, view: _View) -> tuple[Wh
     order, ends = np.argsort(slits.track, kind="stable"), np.cumsum(np.bincount(slits.track))
     label, margin = np.empty_like(final), np.empty_like(ahead)
     voted, evidence = np.empty_like(final), np.empty((count, 3), dtype=np.float32)
-    slack = largest(scores) - _WORST
-    for each in _ROUNDS:
-        match_lines(slits.starts, scores, room, view.kinds, allowed, final, each.together, _PRICES, label, margin)
-        vote(order, ends, label, margin, len(view.kinds), each.switch, voted, evidence)
+    for _ in range(_ROUNDS):
+        match_lines(slits.starts, scores, room, view.kinds, allowed, final, _PRICES, label, margin)
+        vote(order, ends, label, margin, len(view.kinds), _SWITCH, voted, evidence)
         pro, contra, rows = evidence.T
-        enough = np.maximum(each.least * rows, _LEAST_EVIDENCE)
-        sure = (final < 0) & (voted >= 0) & (rows >= _LEAST_ROWS) & (pro - _CONTRADICTION * contra > enough)
+        sure = (final < 0) & (voted >= 0) & (rows >= _LEAST_ROWS)
+        sure &= pro - _CONTRADICTION * contra > np.maximum(rows, _LEAST_EVIDENCE)
         sure &= _among_others(slits, np.where(sure, voted, final), order)
-        sure &= scores[np.arange(count), view.kinds[voted]] > slack
+        sure &= scores[np.arange(count), view.kinds[voted]] > largest(scores) - _WORST
         final[sure], ahead[sure] = voted[sure], (pro - contra)[sure]
-    return final, ahead
+    other, lead = label_pieces(slits, scores, view.kinds, allowed, final)
+    return np.where(final < 0, other, final), np.where(final < 0, lead, ahead)
 
 
 def _among_others(slits: Slits, label: Wholes, order: npt.NDArray[np.int64]) -> Mask:

@@ -23,11 +23,12 @@ def link_slits(
 
     starts (h + 1,) as `find_slits` leaves it; col (m,) px; chroma (m, 3). Two slits belong together where each is the
     other's nearest, at most `reach` px from where the track's pace, or that of the nearest track, leads, and at most
-    `apart` apart in colour. track (m,): the number of each slit's track; previous (m,): the slit before it on the
-    track, -1 at its start.
+    `apart` from the colour that the track has had lately. track (m,): the number of each slit's track; previous (m,):
+    the slit before it on the track, -1 at its start.
     """
     tracks = 0
     pace = np.zeros(len(col), dtype=np.float32)
+    usual = chroma.copy()
     for row in range(len(starts) - 1):
         low, middle, high = (starts[row - 1] if row else 0), starts[row], starts[row + 1]
         j = low
@@ -39,12 +40,14 @@ def link_slits(
                 j += 1
             pace[i] = pace[j]
             gap = abs(col[j] + pace[j] - col[i])
-            far = abs(chroma[i, 0] - chroma[j, 0]) + abs(chroma[i, 1] - chroma[j, 1])
-            far += abs(chroma[i, 2] - chroma[j, 2])
+            far = abs(chroma[i, 0] - usual[j, 0]) + abs(chroma[i, 1] - usual[j, 1])
+            far += abs(chroma[i, 2] - usual[j, 2])
             nearer = i + 1 < high and abs(col[j] + pace[j] - col[i + 1]) < gap
             if gap <= reach and far <= apart and not nearer:
                 previous[i] = j
                 pace[i] = 0.7 * pace[j] + 0.3 * (col[i] - col[j])
+                for channel in range(3):
+                    usual[i, channel] = 0.8 * usual[j, channel] + 0.2 * chroma[i, channel]
         for i in range(middle, high):
             if previous[i] < 0:
                 track[i] = tracks

@@ -150,7 +150,8 @@ class ColorStripes:
         if not edges:
             slits = replace(slits, col=in_green(seen, slits, self._channels(label)))
         color = np.clip(white / max(float(np.percentile(white, 99)), 1e-6), 0, 1)
-        return self._found(slits, label, ahead, turned, color)
+        shown = largest(np.abs(light / white))
+        return self._found(slits, label, ahead, turned, color, shown)
 
     def lit(self, frames: Frames) -> Image:
         """Return the fully lit picture (h, w): the strongest channel of white, or of what is around each pixel."""
@@ -208,11 +209,17 @@ class ColorStripes:
         return labels_within(limits, float(self._center(np.zeros(1))[0]), self.layout.period, count)
 
     def _found(
-        self, slits: Slits, label: npt.NDArray[np.int32], ahead: Float32s, turned: bool, color: npt.NDArray[Any]
+        self,
+        slits: Slits,
+        label: npt.NDArray[np.int32],
+        ahead: Float32s,
+        turned: bool,
+        color: npt.NDArray[Any],
+        shown: Float32s,
     ) -> Correspondences:
         from slkit.codecs._slit_quality import pace, regular
 
-        good = regular(slits, label)
+        good = regular(slits, label, shown)
         keep, axis = good.keep, 1 if self.axes == "y" else 0
         value, sigma = (np.full((int(keep.sum()), 2), np.nan, dtype=np.float32) for _ in range(2))
         value[:, axis] = self._center(label[keep])

@@ -64,10 +64,10 @@ def line_of(seed: int):
     return rng, kinds, scores, room, allowed
 
 
-def matched(scores, room, kinds, allowed, fixed, together, prices):
+def matched(scores, room, kinds, allowed, fixed, prices):
     label, margin = np.full(len(room), -9, np.int32), np.full(len(room), np.nan, np.float32)
     starts = np.array([0, len(room)], dtype=np.int64)
-    match_lines(starts, scores, room, kinds, allowed, fixed, together, prices, label, margin)
+    match_lines(starts, scores, room, kinds, allowed, fixed, prices, label, margin)
     return label, margin
 
 
@@ -83,7 +83,7 @@ def test_matching_finds_the_best_of_all_assignments_and_its_margin(seed):
     _, kinds, scores, room, allowed = line_of(seed)
     prices = (2.0, 5.0, 1.0)
     free = np.full(len(room), -1, np.int32)
-    label, margin = matched(scores, room, kinds, allowed, free, True, prices)
+    label, margin = matched(scores, room, kinds, allowed, free, prices)
     expected, sure = twin(own_scores(scores, kinds, allowed), room, prices)
     clear = sure > CLOSE
     np.testing.assert_array_equal(label[clear], expected[clear])
@@ -98,7 +98,7 @@ def test_known_slits_hold_the_others_in_order_and_keep_their_label(seed):
     prices = (2.0, 5.0, 1.0)
     fixed = np.full(len(room), -1, np.int32)
     fixed[rng.integers(len(room))] = held = rng.integers(len(kinds))
-    label, margin = matched(scores, room, kinds, allowed, fixed, True, prices)
+    label, margin = matched(scores, room, kinds, allowed, fixed, prices)
     toll = np.where(np.arange(len(kinds)) == held, prices[2], 0)
     own = own_scores(scores, kinds, allowed, toll)
     own[fixed >= 0] = -np.inf
@@ -113,11 +113,11 @@ def test_known_slits_hold_the_others_in_order_and_keep_their_label(seed):
 def test_lines_do_not_see_each_other():
     _, kinds, scores, room, allowed = line_of(3)
     free = np.full(len(room), -1, np.int32)
-    alone = matched(scores, room, kinds, allowed, free, True, (2.0, 5.0, 1.0))
+    alone = matched(scores, room, kinds, allowed, free, (2.0, 5.0, 1.0))
     twice = [np.concatenate([a, a]) for a in (scores, room, allowed, free)]
     label, margin = np.empty(2 * len(room), np.int32), np.empty(2 * len(room), np.float32)
     starts = np.array([0, len(room), 2 * len(room)], dtype=np.int64)
-    match_lines(starts, twice[0], twice[1], kinds, twice[2], twice[3], True, (2.0, 5.0, 1.0), label, margin)
+    match_lines(starts, twice[0], twice[1], kinds, twice[2], twice[3], (2.0, 5.0, 1.0), label, margin)
     np.testing.assert_array_equal(label, np.tile(alone[0], 2))
 
 
