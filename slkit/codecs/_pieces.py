@@ -52,7 +52,7 @@ class _Stage:
     rows: int
 
 
-_STAGES = (_Stage(True, 4.5, 2), _Stage(False, 8.0, 4))
+_STAGES = (_Stage(True, 4.5, 2), _Stage(False, 9.5, 4))
 
 
 @dataclass(frozen=True, eq=False)

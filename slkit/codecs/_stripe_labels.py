@@ -34,6 +34,8 @@ _NEIGHBOURS, _LEAST_NEIGHBOURS = 3, 1.5
 _WORST = 3.0
 # What it costs in nats that a track changes its label.
 _SWITCH = 40.0
+# By so many nats a slit has the colour that fits it best rather than any.
+_CLEAR = 1.0
 # One of so many rows tells whether the picture is mirrored.
 _SAMPLED_ROWS = 16
 
@@ -59,6 +61,18 @@ def label_slits(slits: Slits, scores: Singles, features: Features, allowed: Whol
     back = _agreement(slits, scores, room, views[1]) > _agreement(slits, scores, room, views[0])
     label, ahead = _label(slits, scores, room, views[back])
     return np.where(back & (label >= 0), last - label, label), ahead
+
+
+def in_order(slits: Slits, scores: Singles, label: Wholes) -> float:
+    """Return how far labels (m,) follow the pattern, 0 to 1: of the slits whose colour is clear, the share that has a
+    label, times the share of labelled neighbours that follow each other. scores (m, k): see `match_lines`.
+    """
+    clear = largest(scores) > _CLEAR
+    both = (np.diff(slits.row) == 0) & (label[1:] >= 0) & (label[:-1] >= 0)
+    step = np.diff(label)[both]
+    if not (clear.any() and len(step)):
+        return 0.0
+    return float((label[clear] >= 0).mean()) * max(float((step == way).mean()) for way in (1, -1))
 
 
 def _agreement(slits: Slits, scores: Singles, room: Wholes, view: _View) -> float:

@@ -61,21 +61,24 @@ def link_slits(
 def along_tracks(values: Singles, previous: Wholes, keep: float) -> Singles:
     """Return values (m, k) averaged along tracks with weights keep ** distance, towards both ends."""
     forth, back = values.copy(), values.copy()
+    share = np.float32(keep)
     weight, back_weight = np.ones(len(values), np.float32), np.ones(len(values), np.float32)
     for i in range(len(values)):
         j = previous[i]
         if j >= 0:
-            forth[i] += np.float32(keep) * forth[j]
-            weight[i] += np.float32(keep) * weight[j]
+            weight[i] += share * weight[j]
+            for k in range(values.shape[1]):
+                forth[i, k] += share * forth[j, k]
     for i in range(len(values) - 1, -1, -1):
         j = previous[i]
         if j >= 0:
-            back[j] += np.float32(keep) * back[i]
-            back_weight[j] += np.float32(keep) * back_weight[i]
+            back_weight[j] += share * back_weight[i]
+            for k in range(values.shape[1]):
+                back[j, k] += share * back[i, k]
     for i in range(len(values)):
-        total = weight[i] + back_weight[i] - 1
+        total = np.float32(1) / (weight[i] + back_weight[i] - 1)
         for k in range(values.shape[1]):
-            forth[i, k] = (forth[i, k] + back[i, k] - values[i, k]) / total
+            forth[i, k] = (forth[i, k] + back[i, k] - values[i, k]) * total
     return forth
 
 

@@ -37,6 +37,8 @@ if TYPE_CHECKING:
 _WHITE_ROWS, _WHITE_SLITS = 24.0, 4.0
 # A channel is not believed to be reflected less than this share of the strongest one.
 _LEAST_WHITE = 0.02
+# Pictures of this pattern keep 0.85 of its order, and of others at most half: see `in_order`. A few slits tell nothing.
+_LEAST_ORDER, _ENOUGH_SLITS = 0.6, 500
 
 
 @dataclass(frozen=True)
@@ -127,7 +129,7 @@ class ColorStripes:
         from slkit.codecs._chromatic import in_green
         from slkit.codecs._color_kernels import largest
         from slkit.codecs._slit_colors import local_white, score_colors
-        from slkit.codecs._stripe_labels import label_slits
+        from slkit.codecs._stripe_labels import in_order, label_slits
         from slkit.codecs._view_slits import along_columns, see_slits
 
         picture, references = read_colors(frames, self._names(), "colour stripes")
@@ -147,6 +149,11 @@ class ColorStripes:
             white = self._full(references, slits.xy(turned))
         scores = score_colors(light / white, slits.noise / largest(white), self._features.ideal, edges)
         label, ahead = label_slits(slits, scores, self._features, self._allowed(slits, bounds, turned))
+        if bounds is None and len(slits) > _ENOUGH_SLITS and in_order(slits, scores, label) < _LEAST_ORDER:
+            raise DecodeError(
+                "the picture shows coloured slits, but not in the order of this pattern: was another one projected, or "
+                "are the camera's red and blue exchanged?"
+            )
         if not edges:
             slits = replace(slits, col=in_green(seen, slits, self._channels(label)))
         color = np.clip(white / max(float(np.percentile(white, 99)), 1e-6), 0, 1)

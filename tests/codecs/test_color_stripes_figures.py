@@ -86,9 +86,9 @@ def show(told: str, result: Score) -> None:
 
 def test_neutral_object() -> None:
     paper = judged("paper free-form")
-    assert paper.visible >= 0.86 and paper.error.wrong <= 0.002
+    assert paper.visible >= 0.95 and paper.error.wrong <= 0.004
     alike = judged("one-to-one free-form")
-    assert alike.visible >= 0.96 and alike.error.wrong <= 0.002
+    assert alike.visible >= 0.97 and alike.error.wrong <= 0.002
     wide = judged("one-to-one free-form", gap=12)
     assert wide.visible >= 0.97 and wide.error.wrong <= 0.002
     known = judged("one-to-one free-form", depth=True)
@@ -97,9 +97,9 @@ def test_neutral_object() -> None:
 
 def test_colored_object() -> None:
     paper = judged("paper color-free-form")
-    assert paper.visible >= 0.69 and paper.error.wrong <= 0.003
+    assert paper.visible >= 0.81 and paper.error.wrong <= 0.005
     alike = judged("one-to-one color-free-form")
-    assert alike.visible >= 0.89 and alike.error.wrong <= 0.003
+    assert alike.visible >= 0.91 and alike.error.wrong <= 0.003
 
 
 def test_references_cancel_the_object_s_own_color() -> None:
@@ -110,13 +110,16 @@ def test_references_cancel_the_object_s_own_color() -> None:
 @pytest.mark.parametrize("seed", FRESH_SEEDS)
 def test_random_rigs_and_light(seed: int) -> None:
     result = judged(f"random {('free-form', 'color-free-form', 'sphere')[seed % 3]}", seed)
-    assert result.error.wrong <= 0.006 and result.visible >= 0.75
+    assert result.error.wrong <= 0.006 and result.visible >= 0.79
 
 
-@pytest.mark.parametrize(("rig", "seed"), [("paper", 0), ("random", 721), ("random", 722)])
+@pytest.mark.parametrize(("rig", "seed"), [("paper", 0), ("one-to-one", 0), ("random", 721), ("random", 722)])
 @pytest.mark.parametrize("thickness", [1, 6])
 def test_a_rod_in_front_of_a_plane(rig: str, seed: int, thickness: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """In rows that the rod crosses: the plane on both sides of it, and the rod where it is several slits wide."""
+    """In rows that the rod crosses: the plane on both sides, and the rod, of which a row shows one slit or none.
+
+    A thin rod has no pixel that is far from an edge: all its lit crossings count, and how many of its slits are found.
+    """
     monkeypatch.setattr(scene, "_ROD_RADIUS", thickness * scene._ROD_RADIUS)
     scanner, truth, _ = captured.__wrapped__(f"{rig} rod", seed)
     codec = ColorStripes(scanner.rig.projector.size, axes=depth_axis(scanner.rig))
@@ -128,19 +131,23 @@ def test_a_rod_in_front_of_a_plane(rig: str, seed: int, thickness: int, monkeypa
     cols = np.arange(rod.shape[1])
     first = np.where(rod, cols, cols[-1] + 1).min(axis=1)[true.row]
     last = np.where(rod, cols, -1).max(axis=1)[true.row]
+    on_rod = rod[true.row, np.rint(true.col).astype(int)]
     parts = {
         "one side": true.visible & (last >= 0) & (true.col < first),
-        "rod": true.visible & rod[true.row, np.rint(true.col).astype(int)],
+        "rod": on_rod,
         "other side": true.visible & (last >= 0) & (true.col > last),
     }
-    shares = {k: float(got[v].mean()) if v.any() else np.nan for k, v in parts.items()}
+    shares = {k: float(got[v].mean()) for k, v in parts.items()}
+    slits = len(np.unique(true.label[on_rod & got])) / len(np.unique(true.label[on_rod]))
     told = ", ".join(f"{k} {v:.1%}" for k, v in shares.items())
     result = score(codec, found, truth)
-    show(f"rod x {thickness}, {rig} {seed}: {told}", result)
-    assert shares["one side"] >= 0.9 and shares["other side"] >= 0.9
-    # A rod on which a row shows one slit or two cannot be told from others of these colours.
-    assert thickness == 1 or rig != "paper" or shares["rod"] >= 0.85
-    assert result.error.wrong <= 0.015
+    show(f"rod x {thickness}, {rig} {seed}: {told}, {slits:.0%} of its slits", result)
+    assert shares["one side"] >= 0.98 and shares["other side"] >= 0.98
+    assert result.error.wrong <= 0.005
+    if thickness > 1:
+        assert shares["rod"] >= 0.65 and slits >= 0.9
+    elif seed != 722:  # There a slit is 4.3 px from the next and the rod 4 px wide: none of its slits is seen whole.
+        assert shares["rod"] >= 0.3 and slits >= 0.4
 
 
 def rod_of(scanner: SimulatedScanner) -> np.ndarray:
@@ -193,8 +200,8 @@ def test_planar_capture(planar: Any) -> None:
     codec, frames, truth, rig = planar
     result = score(codec, codec.decode(frames), truth)
     show("planar_capture", result)
-    assert result.visible >= 0.94 and result.lit >= 0.90
+    assert result.visible >= 0.96 and result.lit >= 0.91
     assert result.error.wrong <= 0.003 and result.error.rms_px <= 0.3
     known = score(codec, codec.decode(frames, pipeline.bounds(rig, (550, 900))), truth)
     show("planar_capture, depth", known)
-    assert known.error.wrong <= 0.003 and known.error.rms_px <= 0.32
+    assert known.error.wrong <= 0.005 and known.error.rms_px <= 0.3
