@@ -18,6 +18,8 @@ Mask = npt.NDArray[np.bool_]
 # that is likely, and less is forgiven.
 _NARROWEST, _WIDEST, _DARKEST = 0.7, 1.6, 0.5
 _END_WIDTH, _END_CONTRAST = 0.12, 0.2
+# And rows are smoothed over the edge there: in the last two rows a centre may be off by this share of its width.
+_END_DOUBT = 0.15
 # How far a slit's centre may be off, as a share of its width, for each unit of the logarithm by which it differs.
 _WIDTH_DOUBT, _CONTRAST_DOUBT = 0.4, 0.1
 # Pixels and the smoothing of rows leave so much of a centre's place open, in px.
@@ -53,7 +55,9 @@ def regular(slits: Slits, label: Wholes, shown: Singles) -> Regular:
     like = (np.abs(width) < _END_WIDTH) & (np.abs(contrast) < _END_CONTRAST)
     doubt = slits.width * np.hypot(_WIDTH_DOUBT * width, _CONTRAST_DOUBT * contrast)
     moved, cut = _cut(slits, label, shown)
-    doubt = np.hypot(np.hypot(doubt, moved), _SAMPLING_DOUBT)
+    within = same[0] & same[1]
+    within &= within[slits.previous] & within[following]
+    doubt = np.hypot(np.hypot(doubt, moved), np.where(within, _SAMPLING_DOUBT, _END_DOUBT * slits.width))
     return Regular(
         (label >= 0) & whole & ~cut & (same[0] & same[1] | (same[0] | same[1]) & like), doubt.astype(np.float32)
     )
@@ -75,7 +79,7 @@ def _cut(slits: Slits, label: Wholes, shown: Singles) -> tuple[Singles, Mask]:
 
 
 def pace(slits: Slits, label: Wholes, keep: Mask) -> Singles:
-    """Return how many stripes a px the labels change by along the row (m,), from kept neighbours; NaN where unknown.
+    """Return how many stripes a px the labels change by along the row (m,), up or down, from kept neighbours.
 
     A missing one is the median of those that are known.
     """
@@ -83,7 +87,7 @@ def pace(slits: Slits, label: Wholes, keep: Mask) -> Singles:
     at = np.flatnonzero(keep)
     rise, run = np.diff(label[at]), np.diff(slits.col[at])
     near = (np.diff(slits.row[at]) == 0) & (rise != 0) & (np.abs(rise) <= _FARTHEST_NEIGHBOUR) & (run > 0)
-    step = np.where(near, rise / np.maximum(run, 1e-6), np.nan).astype(np.float32)
+    step = np.where(near, np.abs(rise) / np.maximum(run, 1e-6), np.nan).astype(np.float32)
     sides = np.stack([np.concatenate([[np.nan], step]), np.concatenate([step, [np.nan]])])
     known = np.isfinite(sides)
     mean = np.where(known, sides, 0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)

@@ -230,7 +230,7 @@ class ColorStripes:
         keep, axis = good.keep, 1 if self.axes == "y" else 0
         value, sigma = (np.full((int(keep.sum()), 2), np.nan, dtype=np.float32) for _ in range(2))
         value[:, axis] = self._center(label[keep])
-        steep = self.layout.period * np.abs(pace(slits, label, keep)[keep])
+        steep = self.layout.period * pace(slits, label, keep)[keep]
         sigma[:, axis] = steep * np.hypot(slits.sigma_col, good.doubt)[keep]
         confidence = 1 / (1 + np.exp(-ahead[keep] / CORRELATED_ROWS))
         return Correspondences(
