@@ -5,15 +5,17 @@ Shared by the codecs that number projector cells with it.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, Literal
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
-from slkit.codecs._masks import Light
+from slkit.codecs._masks import Levels, Light
+from slkit.codecs._rows import over_rows
 from slkit.codecs._separation import SEPARATION_BITS, Pair, robust_bit, separate
 from slkit.data import Float32s, Frames
 from slkit.errors import InputError
@@ -25,9 +27,10 @@ Ints = npt.NDArray[np.int32]
 Mask = npt.NDArray[np.bool_]
 Profile = npt.NDArray[np.uint8]
 
-# Window in px over which doubtful pixels are counted, and the least width of a doubt in cells.
-_NEIGHBOURHOOD = 33
-_NARROWEST = 0.5
+# So many pixels pass through all bits at a time.
+_BLOCK_PX = 16_384
+# Beyond so many sigmas noise turns nothing over, as far as float32 can tell.
+_MOST_SIGMAS = 6
 
 
 def coded_axes(axes: Axes) -> tuple[Axis, ...]:
@@ -115,38 +118,91 @@ class BitRule:
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """What the code says, (h, w) each: cells lo to hi are possible, `guess` is what the bits say taken at face value.
+    """What the code says, (h, w) each: cells lo to hi are possible.
 
-    margin: the smallest |difference| of a known bit in sigmas.
+    square: of the smallest |difference| of a known bit in sigmas. guess: what the bits say taken at face value, where
+    every bit was asked for, else lo.
     """
 
     lo: Ints
     hi: Ints
+    square: Float32s
     guess: Ints
-    margin: Float32s
+
+    @property
+    def margin(self) -> Float32s:
+        """The smallest |difference| of a known bit in sigmas (h, w)."""
+        return np.sqrt(self.square)
 
 
 def read_cells(
     code: CellCode,
-    read: Callable[[str], Float32s],
+    read: Callable[[str], Levels],
     light: Light,
     rule: BitRule,
     on_bit: Callable[[int, Float32s, Float32s], None] | None = None,
 ) -> Cells:
     """Return the cells that pictures of the code show.
 
-    read: gives the grey picture (h, w) of a name, called once each. on_bit(bit, difference, noise): called for every
+    read: gives the grey levels (h, w) of a name, called once each. on_bit(bit, difference, noise): called for every
     bit, both in grey levels (h, w).
 
     From the lowest bit up, an interval [lo, hi] of cells within a block of 2^k becomes, in a block twice as large,
     itself where the next bit is 0, its mirror image where it is 1, and the hull of both where the bit is unknown:
     narrow at the border that the bit marks, where both are neighbours, and wide anywhere else.
     """
+    if rule.robust or on_bit is not None:
+        return _read_with_care(code, read, light, rule, on_bit)
+    lo, hi = (np.zeros(light.mask.shape, dtype=np.int32) for _ in range(2))
+    cells = Cells(lo, hi, np.full(lo.shape, np.inf, dtype=np.float32), lo)
+    add_bits(code, {name: read(name) for name in code.names()}, light, rule, cells)
+    return cells
+
+
+def add_bits(code: CellCode, shown: Mapping[str, Levels], light: Light, rule: BitRule, cells: Cells) -> None:
+    """Take all bits of a code into cells 0 to 0 of every pixel; the margin that `cells` has already can only shrink.
+
+    shown: the grey levels (h, w) of each name, all of one type. Blocks of a few rows pass through all bits while they
+    are in the processor's cache.
+    """
+    from slkit.codecs._cell_kernels import add_pair, add_single, least_squares
+
+    noise = light.curve.numbers
+    step = max(_BLOCK_PX // light.mask.shape[1], 1)
+
+    def block(rows: slice) -> None:
+        least = np.empty(light.mask[rows].shape, dtype=np.float32)
+        least_squares(light.white[rows], light.black[rows], rule.contrast, least)
+        lo, hi = (np.zeros_like(least) for _ in range(2))
+        state = lo, hi, cells.square[rows]
+        for bit in range(code.bits):
+            lit = shown[f"{code.axis}_bit{bit}"][rows]
+            if code.inverse:
+                add_pair(lit, shown[f"{code.axis}_bit{bit}_inverse"][rows], least, noise, rule.snr, bit, *state)
+            else:
+                add_single(lit, light.white[rows], light.black[rows], least, noise, rule.snr, bit, *state)
+        cells.lo[rows], cells.hi[rows] = lo, hi
+
+    def work(first: int, last: int) -> None:
+        for start in range(first, last, step):
+            block(slice(start, min(start + step, last)))
+
+    over_rows(work, len(light.mask))
+
+
+def _read_with_care(
+    code: CellCode,
+    read: Callable[[str], Levels],
+    light: Light,
+    rule: BitRule,
+    on_bit: Callable[[int, Float32s, Float32s], None] | None,
+) -> Cells:
+    """Return the cells where direct and global light decide bits, or each bit is asked for; see `read_cells`."""
     held = {bit: _read_pair(code, bit, read, light) for bit in SEPARATION_BITS if rule.robust and bit < code.bits}
     separation = separate(list(held.values()), light.low) if held else None
     lo = np.zeros(light.low.shape, dtype=np.int32)
     hi, guess = lo.copy(), lo.copy()
-    margin = np.full(lo.shape, np.inf, dtype=np.float32)
+    square = np.full(lo.shape, np.inf, dtype=np.float32)
     for bit in range(code.bits):
         pair = held.pop(bit) if bit in held else _read_pair(code, bit, read, light)
         difference = pair.lit - pair.inverse
@@ -158,10 +214,10 @@ def read_cells(
         top = 2 ** (bit + 1) - 1
         lo, hi = np.where(one & known, top - hi, lo), np.where(known, np.where(one, top - lo, hi), top - lo)
         guess = np.where(one, top - guess, guess)
-        margin = np.where(known, np.minimum(margin, np.abs(difference) / pair.noise), margin)
+        square = np.where(known, np.minimum(square, (difference / pair.noise) ** 2), square)
         if on_bit is not None:
             on_bit(bit, difference, pair.noise)
-    return Cells(lo, hi, guess, margin)
+    return Cells(lo, hi, square, guess)
 
 
 def possible(cells: Cells, code: CellCode, bounds: Bounds | None) -> tuple[Ints, Ints]:
@@ -185,28 +241,11 @@ def possible(cells: Cells, code: CellCode, bounds: Bounds | None) -> tuple[Ints,
     return lo, hi
 
 
-def place(interval: tuple[Ints, Ints], code: CellCode, max_cells: int) -> tuple[Float32s, Float32s, Mask]:
-    """Return value and sigma in px and whether both are usable, (h, w) each, of an interval of cells.
-
-    A position somewhere in an interval of width w has a sigma of w / sqrt(12). Two cells are left in doubt only close
-    to the border between them; how close, the share of such pixels in the neighbourhood tells: all of them where a
-    bit is not resolved at all. Borders of the lowest bit and of all others, half of them each, are told apart.
-    """
+def place(interval: tuple[Ints, Ints], code: CellCode, max_cells: int) -> tuple[Float32s, Mask]:
+    """Return the value in px of the middle of an interval of cells, and whether it is usable, (h, w) each."""
     lo, hi = interval
     count = hi - lo + 1
-    good = (count >= 1) & (count <= max_cells)
-    lowest, other = (good & (count == 2) & (lo % 2 == odd) for odd in (0, 1))
-    shares = _local_shares([lowest, other], good)
-    width = np.where(count == 1, np.maximum(1 - shares[0] - shares[1], _NARROWEST), np.maximum(count, 1))
-    for here, share in zip((lowest, other), shares, strict=True):
-        width = np.where(here, np.maximum(2 * share, _NARROWEST), width)
-    return code.center((lo + hi) / 2), (width * code.step / np.sqrt(12)).astype(np.float32), good
-
-
-def _local_shares(parts: list[Mask], whole: Mask) -> list[Float32s]:
-    window = (_NEIGHBOURHOOD, _NEIGHBOURHOOD)
-    sums = [cv2.boxFilter(m.astype(np.float32), -1, window, normalize=False) for m in (whole, *parts)]
-    return [(part / np.maximum(sums[0], 1)).astype(np.float32) for part in sums[1:]]
+    return code.center((lo + hi) / 2), (count >= 1) & (count <= max_cells)
 
 
 def check_thresholds(min_snr: float, bit_snr: float, min_contrast: float) -> None:
@@ -220,15 +259,28 @@ def check_thresholds(min_snr: float, bit_snr: float, min_contrast: float) -> Non
 
 def probability(margin: Float32s) -> Float32s:
     """Return the probability (...) that noise does not turn over a difference of `margin` sigmas."""
-    from scipy.special import ndtr
+    from slkit.codecs._cell_kernels import PER_SIGMA
 
-    return ndtr(margin).astype(np.float32)
+    table = chances()
+    return np.interp(margin * np.float32(PER_SIGMA), np.arange(len(table)), table).astype(np.float32)
 
 
-def _read_pair(code: CellCode, bit: int, read: Callable[[str], Float32s], light: Light) -> Pair:
-    lit = read(f"{code.axis}_bit{bit}")
+@cache
+def chances() -> Float32s:
+    """Return the standard normal distribution at 0, 1 / 256, 2 / 256 ... sigmas (n,), as far as it differs from 1.
+
+    A table, for a function of every pixel. Do not write to it.
+    """
+    from slkit.codecs._cell_kernels import PER_SIGMA
+
+    sigmas = [k / PER_SIGMA for k in range(_MOST_SIGMAS * PER_SIGMA + 1)]
+    return np.array([(1 + math.erf(s / math.sqrt(2))) / 2 for s in sigmas], dtype=np.float32)
+
+
+def _read_pair(code: CellCode, bit: int, read: Callable[[str], Levels], light: Light) -> Pair:
+    lit = read(f"{code.axis}_bit{bit}").astype(np.float32)
     if code.inverse:
-        inverse = read(f"{code.axis}_bit{bit}_inverse")
+        inverse = read(f"{code.axis}_bit{bit}_inverse").astype(np.float32)
         return Pair(lit, inverse, np.hypot(light.noise(lit), light.noise(inverse)))
     # Without an inverse the references stand in for it: white + black - pattern.
     references = np.hypot(light.noise(light.high), light.noise(light.low))

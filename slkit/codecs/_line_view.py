@@ -57,7 +57,7 @@ class View:
         """Return the view whose rows the lines cross. period, cell: px; a jump of a period is an edge of the scene."""
         turned = not runs_along_rows(coarse.value, coarse.known, period)
         if turned:
-            light = Light(_turn(light.low), _turn(light.high), light.curve, _turn(light.mask))
+            light = Light(_turn(light.black), _turn(light.white), light.curve, _turn(light.mask))
             coarse = Coarse(_turn(coarse.value), _turn(coarse.known), _turn(coarse.margin))
         step = np.abs(np.diff(coarse.value, axis=1))[coarse.known[:, 1:] & coarse.known[:, :-1]]
         mean = float(step[step < period].mean()) if step.size else 1.0

@@ -7,16 +7,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from slkit.codecs._noise import Evidence, NoiseCurve, noise_curve
+from slkit.codecs._rows import over_rows
 from slkit.data import Correspondences, Float32s, Frames, Image, check_image, describe_image
 from slkit.errors import DecodeError, InputError
 
 _LEAST_NEIGHBOURS = 6
 _SENSOR_BITS = (10, 12, 14)
+# Noise is measured in bands of so many rows, of so many pixels in all.
+_SAMPLE_PX, _BAND_ROWS, _FEWEST_BANDS = 60_000, 8, 8
+
+Levels = npt.NDArray[Any]
+"""Grey levels (h, w): uint8, uint16 or float32."""
 
 
 class Reader:
@@ -46,6 +54,10 @@ class Reader:
             raise InputError(f"frame {name} is {describe_image(image)}, but {first_name} is {describe_image(first)}")
         return image
 
+    def levels(self, index: int) -> Levels:
+        """Return frame `index` as grey levels (h, w), as they are stored. Errors: as `color`."""
+        return levels(self.color(index))
+
     def grey(self, index: int) -> Float32s:
         """Return frame `index` as grey levels (h, w). Errors: as `color`."""
         return grey(self.color(index))
@@ -55,14 +67,24 @@ class Reader:
 class Light:
     """The range of grey levels a scene spans, and where it can be decoded.
 
-    low, high (h, w): dark and fully lit picture in grey levels; curve: the noise of one frame at each grey level;
-    mask (h, w): lit well enough and not saturated.
+    black, white (h, w): dark and fully lit picture in grey levels, as they are stored; curve: the noise of one frame at
+    each grey level; mask (h, w): lit well enough and not saturated.
     """
 
-    low: Float32s
-    high: Float32s
+    black: Levels
+    white: Levels
     curve: NoiseCurve
     mask: npt.NDArray[np.bool_]
+
+    @cached_property
+    def low(self) -> Float32s:
+        """The dark picture in grey levels (h, w)."""
+        return self.black.astype(np.float32, copy=False)
+
+    @cached_property
+    def high(self) -> Float32s:
+        """The fully lit picture in grey levels (h, w)."""
+        return self.white.astype(np.float32, copy=False)
 
     @property
     def span(self) -> Float32s:
@@ -80,13 +102,36 @@ def measure_light(white: Image, black: Image, min_snr: float) -> Light:
     A pixel is used where white - black exceeds `min_snr` times the noise of that difference, white is not saturated,
     and the same holds around it. Errors: DecodeError where that leaves no pixel.
     """
-    high, low = grey(white), grey(black)
+    from slkit.codecs._cell_kernels import light_rows
+
+    high, low = levels(white), levels(black)
     saturated = saturation(white)
-    curve = noise_curve([Evidence(high, high, ~saturated), Evidence(low, low, ~saturation(black))])
-    lit = high - low > min_snr * np.hypot(curve.at(high), curve.at(low))
-    mask = without_rim(lit & ~saturated)
+    curve = noise_curve([sampled(high, ~saturated), sampled(low, ~saturation(black))])
+    lit = np.empty(high.shape, dtype=np.bool_)
+
+    def work(first: int, last: int) -> None:
+        rows = slice(first, last)
+        light_rows(high[rows], low[rows], saturated[rows], curve.numbers, min_snr, lit[rows])
+
+    over_rows(work, len(lit))
+    mask = without_rim(lit)
     refuse_empty(mask, lit, saturated)
     return Light(low, high, curve, mask)
+
+
+def sampled(picture: Levels, usable: npt.NDArray[np.bool_]) -> Evidence:
+    """Return bands of rows of a picture (h, w), evenly spread, that show its noise as well as all of it."""
+    height, width = picture.shape
+    bands = max(_SAMPLE_PX // (_BAND_ROWS * width), _FEWEST_BANDS)
+    starts = np.unique(np.linspace(0, max(height - _BAND_ROWS, 0), bands).astype(int))
+    if len(starts) * _BAND_ROWS >= height:
+        level = picture.astype(np.float32)
+        return Evidence(level, level, usable)
+    rows = (starts[:, None] + np.arange(_BAND_ROWS)).ravel()
+    level = picture[rows].astype(np.float32)
+    # What lies across the joint of two bands is no neighbour.
+    inner = np.tile([False, *[True] * (_BAND_ROWS - 2), False], len(starts))
+    return Evidence(level, level, usable[rows] & inner[:, None])
 
 
 def without_rim(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
@@ -95,9 +140,9 @@ def without_rim(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
     The lens spreads light a pixel beyond what the projector lights, and over the outline of an object: such a pixel
     reports its neighbour's position. Single holes do not grow, and the picture's own border is none.
     """
-    height, width = mask.shape
-    around = np.pad(mask, 1, mode="edge").astype(np.uint8)
-    count = sum(around[row : row + height, col : col + width] for row in range(3) for col in range(3))
+    import cv2
+
+    count: Any = cv2.boxFilter(mask.view(np.uint8), -1, (3, 3), normalize=False, borderType=cv2.BORDER_REPLICATE)
     return mask & (count >= _LEAST_NEIGHBOURS + 1)
 
 
@@ -110,6 +155,11 @@ def refuse_empty(mask: npt.NDArray[np.bool_], lit: npt.NDArray[np.bool_], satura
     raise DecodeError(
         "no pixel is lit well above the noise: the patterns were not projected, or the exposure is too short"
     )
+
+
+def levels(image: Image) -> Levels:
+    """Return a picture's grey levels (h, w) as they are stored: colour as float32, by the mean of its channels."""
+    return image if image.ndim == 2 else grey(image)
 
 
 def grey(image: Image) -> Float32s:

@@ -24,6 +24,11 @@ class NoiseCurve:
     least: float
     gain: float
 
+    @property
+    def numbers(self) -> Float32s:
+        """least, gain and dark (3,), for compiled loops."""
+        return np.array([self.least, self.gain, self.dark], dtype=np.float32)
+
     def at(self, level: Float32s) -> Float32s:
         """Return the noise, 1 sigma in grey levels, at the grey levels `level` (...)."""
         return np.sqrt(np.float32(self.least) + np.float32(self.gain) * np.maximum(level - np.float32(self.dark), 0))

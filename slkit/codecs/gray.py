@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
-from typing import Literal, cast
+from dataclasses import dataclass, fields, replace
+from typing import cast
 
 import numpy as np
 
+from slkit.codecs._cell_places import gather
 from slkit.codecs._edges import BitRecord, borders
 from slkit.codecs._gray_code import (
     Axes,
     Axis,
     BitRule,
     CellCode,
+    Ints,
     Profile,
     check_thresholds,
     coded_axes,
@@ -21,24 +23,14 @@ from slkit.codecs._gray_code import (
     patterns,
     place,
     possible,
-    probability,
     read_cells,
 )
 from slkit.codecs._line_view import AxisPeaks, Coarse
-from slkit.codecs._masks import Reader, collect, colors_at, grey, measure_light
-from slkit.data import Correspondences, Float32s, Frames, Image
+from slkit.codecs._masks import Levels, Reader, colors_at, levels, measure_light
+from slkit.data import Correspondences, Frames, Image
 from slkit.errors import InputError
 from slkit.geometry import as_size
 from slkit.protocols import Bounds
-
-
-@dataclass(frozen=True, eq=False)
-class _Found:
-    """One axis: value and sigma of every pixel (h, w), px, and the borders between cells if they are asked for."""
-
-    value: Float32s
-    sigma: Float32s
-    edges: AxisPeaks | None
 
 
 @dataclass(frozen=True)
@@ -53,7 +45,7 @@ class Gray:
     Thresholds, all relative. min_snr: white - black in units of its noise, below it a pixel is unlit. bit_snr: the
     difference that decides a bit, in units of its noise, and min_contrast: the same as a share of white - black; below
     either the bit is unknown. max_cells: unknown bits leave an interval of neighbouring cells; a longer one is dropped.
-    The value is the interval's middle, sigma follows from its length (see `place`). confidence: the probability under
+    The value is the interval's middle, sigma follows from its length (see `gather`). confidence: the probability under
     Gaussian noise that the weakest known bit is right.
 
     Errors: InputError where a parameter is out of range.
@@ -101,47 +93,39 @@ class Gray:
         shown = self._first_frames(reader)
         white, black = self._references(shown)
 
-        def read(name: str) -> Float32s:
+        def read(name: str) -> Levels:
             index = names.index(name)
-            return grey(shown[index]) if index < len(shown) else reader.grey(index)
+            return levels(shown[index]) if index < len(shown) else reader.levels(index)
 
         light = measure_light(white, black, self.min_snr)
         rule = BitRule(self.bit_snr, self.min_contrast, self.robust)
-        keep, margin = light.mask.copy(), np.full(light.mask.shape, np.inf, dtype=np.float32)
-        found: dict[Axis, _Found] = {}
+        square = np.full(light.mask.shape, np.inf, dtype=np.float32)
+        intervals: list[tuple[CellCode, tuple[Ints, Ints]]] = []
+        edges: dict[Axis, AxisPeaks] = {}
         for code in self._codes():
             record = BitRecord(light)
-            on_bit = record.add if self.subpixel else None
-            cells = read_cells(code, read, light, rule, on_bit)
+            cells = read_cells(code, read, light, rule, record.add if self.subpixel else None)
             interval = possible(cells, code, bounds)
-            value, sigma, good = place(interval, code, self.max_cells)
-            keep &= good
-            margin = np.minimum(margin, cells.margin)
-            coarse = Coarse(value, good & light.mask, cells.margin)
-            edges = borders(code, cells, coarse, interval, record) if self.subpixel else None
-            found[code.axis] = _Found(value, sigma, edges)
-        projector_xy, sigma = (_stacked(found, part, keep.shape) for part in ("value", "sigma"))
-        if not self.subpixel:
-            return collect(keep, projector_xy, sigma, probability(margin), white)
-        for pixel_map in (projector_xy, sigma):
-            pixel_map[~keep] = np.nan
-        return self._at_edges(found, projector_xy, sigma, white)
+            intervals.append((code, interval))
+            np.minimum(square, cells.square, out=square)
+            if self.subpixel:
+                value, good = place(interval, code, self.max_cells)
+                coarse = Coarse(value, good & light.mask, cells.margin)
+                edges[code.axis] = borders(code, cells, coarse, interval, record)
+        found = gather(intervals, square, light.mask, self.max_cells, white)
+        return self._at_edges(edges, found, white) if self.subpixel else found
 
-    def _at_edges(
-        self, found: Mapping[Axis, _Found], projector_xy: Float32s, sigma: Float32s, white: Image
-    ) -> Correspondences:
+    def _at_edges(self, edges: Mapping[Axis, AxisPeaks], found: Correspondences, white: Image) -> Correspondences:
         """Return the cell borders of all axes; the coordinate that a border does not fix is that of its pixel."""
         parts: list[Correspondences] = []
-        for i, axis in enumerate(("x", "y")):
-            edges = found[axis].edges if axis in found else None
-            if edges is None:
-                continue
-            camera_xy = edges.camera_xy.astype(np.float32)
+        at, spreads = found.as_map(white.shape[:2]), replace(found, projector_xy=found.sigma).as_map(white.shape[:2])
+        for axis, border in edges.items():
+            camera_xy, i = border.camera_xy.astype(np.float32), int(axis == "y")
             cols, rows = np.rint(camera_xy).astype(np.intp).T
-            value, spread = projector_xy[rows, cols], sigma[rows, cols]
-            value[:, i], spread[:, i] = edges.peaks.value, edges.sigma
-            both = Correspondences(camera_xy, value, spread, edges.confidence, colors_at(white, camera_xy))
-            parts.append(both.select(np.isfinite(value).sum(axis=1) == len(found)))
+            value, spread = at[rows, cols], spreads[rows, cols]
+            value[:, i], spread[:, i] = border.peaks.value, border.sigma
+            both = Correspondences(camera_xy, value, spread, border.confidence, colors_at(white, camera_xy))
+            parts.append(both.select(np.isfinite(value).sum(axis=1) == len(edges)))
         return Correspondences(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Correspondences)))
 
     def lit(self, frames: Frames) -> Image:
@@ -166,9 +150,3 @@ class Gray:
         if self.references:
             return shown[0], shown[1]
         return cast(Image, np.max(shown, axis=0)), cast(Image, np.min(shown, axis=0))
-
-
-def _stacked(found: Mapping[Axis, _Found], part: Literal["value", "sigma"], shape: tuple[int, ...]) -> Float32s:
-    silent = np.full(shape, np.nan, dtype=np.float32)
-    both: list[Float32s] = [getattr(found[axis], part) if axis in found else silent for axis in ("x", "y")]
-    return np.stack(both, axis=-1)

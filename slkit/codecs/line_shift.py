@@ -132,7 +132,7 @@ class LineShift:
         code = self._code(axis)
         cells = read_cells(code, read, light, BitRule(self.bit_snr, self.min_contrast, self.robust))
         # As many unknown cells as leave the next line of the same shift outside, whatever side the true one lies on.
-        value, _, good = place(possible(cells, code, bounds), code, max(self.period // self.cell - 1, 1))
+        value, good = place(possible(cells, code, bounds), code, max(self.period // self.cell - 1, 1))
         return Coarse(value, good & light.mask, cells.margin)
 
     def _nearest_line(self, coarse: Floats, offset: Floats) -> tuple[Floats, Mask]:

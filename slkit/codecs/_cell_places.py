@@ -1,0 +1,107 @@
+"""From the cells that a Gray code leaves possible to correspondences."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from slkit.codecs._gray_code import CellCode, Ints, Mask, chances
+from slkit.codecs._masks import colors_at
+from slkit.codecs._rows import over_rows
+from slkit.data import Correspondences, Float32s, Image
+
+Longs = npt.NDArray[np.int64]
+
+# Doubtful pixels are counted in the tile of a pixel and the eight around it, and a place is no narrower than this, in
+# cells.
+_AROUND = 3
+_NARROWEST = 0.5
+
+
+def gather(
+    intervals: Sequence[tuple[CellCode, tuple[Ints, Ints]]], square: Float32s, mask: Mask, max_cells: int, white: Image
+) -> Correspondences:
+    """Return one correspondence for each pixel of mask (h, w) that all codes place within `max_cells` cells.
+
+    intervals: of each axis the cells lo to hi (h, w) that are possible; square (h, w): of the smallest known difference
+    in sigmas; white (h, w) or (h, w, 3): where the colours come from.
+
+    A position somewhere in an interval of width w has a sigma of w / sqrt(12). Two cells are left in doubt only close
+    to the border between them; how close, the share of such pixels in the neighbourhood tells: all of them where a
+    bit is not resolved at all. Borders of the lowest bit and of all others, half of them each, are told apart.
+    """
+    from slkit.codecs._cell_kernels import TILE, count_doubts
+
+    mask, height = mask.copy(), len(mask)
+    tiles = -(-height // TILE), -(-mask.shape[1] // TILE), 3
+    shares: list[Float32s] = []
+    for _, (lo, hi) in intervals:
+        counts = np.zeros(tiles, np.int32)
+
+        def count(first: int, last: int, lo: Ints = lo, hi: Ints = hi, counts: Ints = counts) -> None:
+            part = slice(first, last)
+            count_doubts(lo[part], hi[part], max_cells, mask[part], counts[first // TILE :])
+
+        over_rows(count, height, TILE)
+        shares.append(_shares(counts))
+    rows = np.count_nonzero(mask, axis=1)
+    starts = np.cumsum(rows) - rows
+    found = _pixels(mask, square, white, starts, int(rows.sum()))
+    for (code, interval), near in zip(intervals, shares, strict=True):
+        _write_axis(code, interval, near, mask, starts, found, len(intervals) == 1)
+    return found
+
+
+def _write_axis(
+    code: CellCode,
+    interval: tuple[Ints, Ints],
+    shares: Float32s,
+    mask: Mask,
+    starts: Longs,
+    found: Correspondences,
+    alone: bool,
+) -> None:
+    """Write position and sigma of one axis into `found`; alone: there is no other, which is then NaN."""
+    from slkit.codecs._cell_kernels import write_places
+
+    (lo, hi), axis = interval, int(code.axis == "y")
+    middle = (code.step - 1) / 2
+    scale = np.array([code.step, middle, _NARROWEST, code.step / np.sqrt(12)], dtype=np.float32)
+
+    def work(first: int, last: int) -> None:
+        part, told = slice(first, last), (shares, scale, axis, alone)
+        write_places(first, mask[part], lo[part], hi[part], *told, starts[part], found.projector_xy, found.sigma)
+
+    over_rows(work, len(mask))
+
+
+def _shares(counts: Ints) -> Float32s:
+    """Return the shares (t, s, 2) of doubtful pixels in a tile and around it, of counts (t, s, 3)."""
+    import cv2
+
+    # One channel at a time: what lies beyond the picture counts for nothing.
+    parts = [np.ascontiguousarray(counts[..., i], dtype=np.float32) for i in range(3)]
+    window = (_AROUND, _AROUND)
+    sums: list[Any] = [cv2.boxFilter(p, -1, window, normalize=False, borderType=cv2.BORDER_CONSTANT) for p in parts]
+    return np.stack([part / np.maximum(sums[0], 1) for part in sums[1:]], axis=-1).astype(np.float32)
+
+
+def _pixels(mask: Mask, square: Float32s, white: Image, starts: Longs, total: int) -> Correspondences:
+    """Return correspondences (total,) of the pixels of mask (h, w), positions left open; starts (h,): of each row."""
+    from slkit.codecs._cell_kernels import write_pixels
+
+    camera_xy, color = np.empty((total, 2), np.float32), np.empty((total, 3), np.float32)
+    confidence, table, brightest = np.empty(total, np.float32), chances(), float(max(int(white.max()), 1))
+    grey = white if white.ndim == 2 else white[..., 0]
+
+    def work(first: int, last: int) -> None:
+        part, out = slice(first, last), (camera_xy, confidence, color)
+        write_pixels(first, mask[part], square[part], table, grey[part], brightest, starts[part], *out)
+
+    over_rows(work, len(mask))
+    if white.ndim == 3:
+        color = colors_at(white, camera_xy)
+    return Correspondences(camera_xy, np.empty_like(camera_xy), np.empty_like(camera_xy), confidence, color)

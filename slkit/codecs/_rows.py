@@ -1,0 +1,26 @@
+"""Runs a compiled loop over the rows of a picture, in parts on plain threads."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+
+
+def over_rows(work: Callable[[int, int], None], height: int, multiple: int = 1) -> None:
+    """Call work(first, last) for parts of the rows of a picture, side by side; parts begin at whole multiples.
+
+    Plain threads, because numba's own do not survive a fork, and a pool of processes may call this.
+    """
+    from numba.core import config
+
+    threads = int(getattr(config, "NUMBA_NUM_THREADS"))  # noqa: B009 - numba sets it where no checker sees it
+    pieces = -(-height // multiple)
+    cuts = np.minimum(np.linspace(0, pieces, min(threads, pieces) + 1).astype(int) * multiple, height).tolist()
+    parts = list(zip(cuts[:-1], cuts[1:], strict=True))
+    if len(parts) == 1:
+        work(*parts[0])
+        return
+    with ThreadPoolExecutor(len(parts)) as pool:
+        list(pool.map(work, *zip(*parts, strict=True)))
