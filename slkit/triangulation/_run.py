@@ -26,8 +26,6 @@ def run(kernel: Callable[..., None], found: Correspondences, rig: Rig) -> PointC
 
     Errors: InputError where names and matrix of the rig's covariance do not fit together.
     """
-    from numba.core import config
-
     rows = len(found)
     given = [
         np.require(a, np.float32, ["C_CONTIGUOUS", "WRITEABLE"])
@@ -41,21 +39,29 @@ def run(kernel: Callable[..., None], found: Correspondences, rig: Rig) -> PointC
         _pose(rig.projector_from_camera),
         np.empty((0, 0)) if covariance is None else covariance,
     )
-    threads = int(getattr(config, "NUMBA_NUM_THREADS"))  # noqa: B009 - numba sets it where no checker sees it
-    cuts = np.linspace(0, rows, min(threads, rows // _SMALLEST_SLICE + 1) + 1).astype(int)
 
-    def work(part: slice) -> None:
+    def work(first: int, last: int) -> None:
+        part = slice(first, last)
         kernel(*(a[part] for a in given), *fixed, *(a[part] for a in results))
 
-    parts = [slice(int(a), int(b)) for a, b in zip(cuts[:-1], cuts[1:], strict=True)]
-    if len(parts) == 1:
-        work(parts[0])
-    else:
-        with ThreadPoolExecutor(len(parts)) as pool:
-            list(pool.map(work, parts))
+    in_parts(work, rows)
     xyz, decoding, residual_px, calibration = results
     whole = np.where(np.isnan(calibration), decoding, np.hypot(decoding, calibration))
     return PointCloud(xyz, found.color, whole, residual_px, found.camera_xy, sigma_cal_mm=calibration)
+
+
+def in_parts(work: Callable[[int, int], None], rows: int) -> None:
+    """Call work(first, last) for parts of so many rows, on all cores."""
+    from numba.core import config
+
+    threads = int(getattr(config, "NUMBA_NUM_THREADS"))  # noqa: B009 - numba sets it where no checker sees it
+    cuts = np.linspace(0, rows, min(threads, rows // _SMALLEST_SLICE + 1) + 1).astype(int).tolist()
+    parts = list(zip(cuts[:-1], cuts[1:], strict=True))
+    if len(parts) == 1:
+        work(*parts[0])
+        return
+    with ThreadPoolExecutor(len(parts)) as pool:
+        list(pool.map(work, *zip(*parts, strict=True)))
 
 
 def _lens(device: Pinhole) -> Doubles:

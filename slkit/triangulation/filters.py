@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from slkit.data import PointCloud
 from slkit.errors import InputError
+from slkit.triangulation.company import in_company
 
 _SMALLEST_RESIDUAL_PX = 1e-3  # what float32 pixel coordinates leave of a perfect pair
-_NEIGHBORS = 10
 _MEDIAN_OF_HALF_NORMAL = 0.6745
 
 
@@ -77,20 +76,7 @@ class Filters:
         if name == "sigma":
             sigma_mm = cloud.sigma_decoding_mm
             return ~(sigma_mm > self.sigma_factor * _median(sigma_mm))
-        return self._in_company(cloud.xyz)
-
-    def _in_company(self, xyz: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
-        if len(xyz) <= _NEIGHBORS:
-            return np.ones(len(xyz), dtype=bool)
-        from scipy.spatial import KDTree
-
-        tree: Any = KDTree(xyz)
-        distances, neighbors = tree.query(xyz, k=_NEIGHBORS + 1, workers=-1)
-        reach = distances[:, -1]
-        # Spacing grows with distance from the camera, so the comparison with the whole cloud is by angle.
-        angle = reach / np.linalg.norm(xyz, axis=1)
-        near = reach <= self.isolated_factor * np.median(reach[neighbors[:, 1:]], axis=1)
-        return near & (angle <= self.remote_factor * np.median(angle))
+        return in_company(cloud.xyz, self.isolated_factor, self.remote_factor)
 
 
 def _median(values: npt.NDArray[np.float32]) -> float:
