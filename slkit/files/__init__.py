@@ -10,7 +10,16 @@ from slkit.files.folders import (
     read_capture,
     toml_file,
 )
-from slkit.files.images import PICTURE_ENDINGS, Progress, read_bytes, read_frames, read_image, write_frames, write_png
+from slkit.files.images import (
+    PICTURE_ENDINGS,
+    Progress,
+    read_bytes,
+    read_frames,
+    read_image,
+    reading_ahead,
+    write_frames,
+    write_png,
+)
 from slkit.files.meshes import read_mesh
 from slkit.files.opencv import read_opencv, write_opencv
 from slkit.files.rig import plain, read_provenance, read_rig, rig_table, write_rig
@@ -41,6 +50,7 @@ __all__ = [
     "read_rig",
     "read_sequence",
     "read_toml",
+    "reading_ahead",
     "resolve_root",
     "rig_table",
     "toml_file",

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import re
 import struct
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +26,8 @@ Progress = Callable[[str, int, int], None]
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _JPEG_START, _JPEG_END = b"\xff\xd8", b"\xff\xd9"
 _JPEG_PADDING = 4096  # some cameras append a block behind the end
+# Frames under way for each thread that reads, and how many threads are worth it: the disk is one.
+_AHEAD, _MOST_READERS = 2, 8
 _NUMBERED = re.compile(r"\d{3,}_.+\.png", re.IGNORECASE)
 
 
@@ -82,14 +87,44 @@ def read_frames(paths: Sequence[Path], names: Sequence[str]) -> Frames:
     first: list[str] = []
 
     def load(index: int) -> Image:
-        if not first:
-            first.append(describe_image(read_image(files[0])))
         image = read_image(files[index])
+        if not first:
+            first.append(describe_image(image if index == 0 else read_image(files[0])))
         if describe_image(image) != first[0]:
             raise FileError(f"{files[index]} is {describe_image(image)}, but {files[0]} is {first[0]}")
         return image
 
     return Frames(tuple(names), load)
+
+
+@contextmanager
+def reading_ahead(frames: Frames) -> Generator[Frames]:
+    """Give frames that are read a few at a time on all cores, before they are asked for in their order.
+
+    The first is kept, since more than one asks for it; any other one is read anew when it is asked for again. Errors
+    come when the frame is asked for, as from `frames` itself.
+    """
+    workers = min(os.cpu_count() or 1, _MOST_READERS)
+    waiting: dict[int, Future[Image]] = {}
+    given: set[int] = set()
+    with ThreadPoolExecutor(workers) as pool:
+
+        def load(index: int) -> Image:
+            if 0 not in waiting:
+                # The others are compared with it.
+                waiting[0] = pool.submit(frames.load, 0)
+                waiting[0].result()
+            for later in range(index, min(index + _AHEAD * workers, len(frames))):
+                if later not in waiting and (later == index or later not in given):
+                    waiting[later] = pool.submit(frames.load, later)
+            given.add(index)
+            return (waiting.pop(index) if index else waiting[0]).result()
+
+        try:
+            yield Frames(frames.names, load)
+        finally:
+            for future in waiting.values():
+                future.cancel()
 
 
 def write_frames(folder: str | Path, frames: Frames, progress: Progress | None = None) -> list[Path]:

@@ -23,7 +23,7 @@ from slkit.pipeline._comparing_writing import write_comparison
 from slkit.pipeline._layouts import BOARDS
 from slkit.pipeline._patterns import load_codec, patterns, projected_charuco, projected_checkerboard, recipe_codec
 from slkit.pipeline._reporting import write_report
-from slkit.pipeline._scanning import ScanResult, bounds, exporter, make_filters, scan, view, write_cloud
+from slkit.pipeline._scanning import ScanResult, bounds, check_depth, exporter, make_filters, scan, view, write_cloud
 from slkit.pipeline._sequence import SequenceResult, scan_sequence
 from slkit.pipeline._simulating import simulate_calibration, simulate_scan
 
@@ -41,6 +41,7 @@ __all__ = [
     "bounds",
     "calibrate",
     "calibrate_captures",
+    "check_depth",
     "compare",
     "compare_simulated",
     "decode_capture",

@@ -14,7 +14,7 @@ import numpy as np
 from slkit import registry
 from slkit.data import Correspondences, Frames, Image, PointCloud
 from slkit.errors import DecodeError, FileError, InputError
-from slkit.files import Progress, merged, read_bytes, read_capture, write_bytes, write_png
+from slkit.files import Progress, merged, read_bytes, read_capture, reading_ahead, write_bytes, write_png
 from slkit.geometry import Rig, homogeneous
 from slkit.pipeline._patterns import load_codec
 from slkit.protocols import Bounds, Codec
@@ -24,7 +24,11 @@ _DEPTH_SAMPLES = 9
 
 @dataclass(frozen=True, eq=False)
 class ScanResult:
-    """A scan and its evidence. seconds: per stage. removed: per filter, how many points it took."""
+    """A scan and its evidence.
+
+    seconds: per stage; reading counts as far as decoding had to wait for it. removed: per filter, how many points it
+    took.
+    """
 
     cloud: PointCloud
     correspondences: Correspondences
@@ -53,12 +57,12 @@ def scan(
     found = read_capture(folder)
     given = merged(found.parameters, parameters or {})
     codec = with_rig_colors(load_codec(found.codec, found.projector, given, str(found.file)), rig)
-    frames, reading = _watched(found.frames(codec.encode().names), progress)
-    check_rig(rig, codec, frames[0], str(folder))
-    limits = None if depth is None else bounds(rig, depth)
-    reading.clear()
-    started = time.perf_counter()
-    correspondences = _decode(codec, frames, limits, str(folder))
+    with reading_ahead(found.frames(codec.encode().names)) as ahead:
+        frames, waiting = _watched(ahead, progress)
+        check_rig(rig, codec, frames[0], str(folder))
+        limits = None if depth is None else bounds(rig, depth)
+        started = time.perf_counter()
+        correspondences = _decode(codec, frames, limits, str(folder))
     decoded = time.perf_counter()
     cloud, removed = triangulate(correspondences, rig), {}
     if len(cloud):
@@ -67,8 +71,12 @@ def scan(
         raise DecodeError(_nothing_found(len(correspondences), str(folder)))
     cloud = with_normals(cloud) if normals else cloud
     finished = time.perf_counter()
-    read = sum(reading)
-    seconds = {"read": read, "decode": max(decoded - started - read, 0.0), "triangulate": finished - decoded}
+    read = sum(waiting)
+    seconds = {
+        "read": read,
+        "decode": max(decoded - started - sum(waiting[1:]), 0.0),
+        "triangulate": finished - decoded,
+    }
     return ScanResult(cloud, correspondences, seconds, dict(removed))
 
 
@@ -78,9 +86,8 @@ def bounds(rig: Rig, depth: tuple[float, float]) -> Bounds:
     Smallest and largest column, smallest and largest row, px; NaN where the range lies outside the projector image.
     Errors: InputError unless 0 < nearest < farthest.
     """
+    check_depth(depth)
     near, far = depth
-    if not 0 < near < far < np.inf:
-        raise InputError(f"depth must be two lengths in mm, the nearer first, not {near:g} and {far:g}")
     rays = homogeneous(rig.camera.normalize(_pixels(rig.camera.size)))
     low = np.full((*rays.shape[:2], 2), np.inf)
     high = -low
@@ -93,6 +100,12 @@ def bounds(rig: Rig, depth: tuple[float, float]) -> Bounds:
     result = np.stack([low[..., 0], high[..., 0], low[..., 1], high[..., 1]], axis=-1).astype(np.float32)
     result[outside] = np.nan
     return result
+
+
+def check_depth(depth: tuple[float, float] | None) -> None:
+    """Refuse a range of depths in mm that is none. Errors: InputError unless 0 < nearest < farthest."""
+    if depth is not None and not 0 < depth[0] < depth[1] < np.inf:
+        raise InputError(f"depth must be two lengths in mm, the nearer first, not {depth[0]:g} and {depth[1]:g}")
 
 
 def make_filters(off: Sequence[str] = ()) -> Any:

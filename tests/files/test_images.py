@@ -7,7 +7,7 @@ from hypothesis.extra import numpy as hnp
 
 from slkit.data import Frames
 from slkit.errors import FileError, InputError
-from slkit.files import read_frames, read_image, write_frames, write_png
+from slkit.files import read_frames, read_image, reading_ahead, write_frames, write_png
 
 PICTURE = np.random.default_rng(0).integers(0, 255, (40, 60, 3), dtype=np.uint8)
 
@@ -112,3 +112,31 @@ def test_write_frames_does_not_mix_sets(tmp_path):
     write_frames(tmp_path, Frames.of([np.ones((2, 2), np.uint8)] * 3, ["a", "b", "c"]))
     with pytest.raises(FileError, match=r"002_c\.png"):
         write_frames(tmp_path, Frames.of([np.zeros((2, 2), np.uint8)] * 2, ["a", "b"]))
+
+
+def test_reading_ahead_gives_every_frame_and_reads_each_once() -> None:
+    loads: list[int] = []
+
+    def load(index: int) -> np.ndarray:
+        loads.append(index)
+        return np.full((2, 3), index, np.uint8)
+
+    names = tuple(f"{i}" for i in range(20))
+    with reading_ahead(Frames(names, load)) as ahead:
+        assert ahead.names == names and not loads
+        order = [0, 0, *range(1, 20)]
+        assert [int(ahead[i][0, 0]) for i in order] == order
+        assert sorted(loads) == list(range(20))
+        assert int(ahead[5][0, 0]) == 5 and sorted(loads) == sorted([*range(20), 5])
+
+
+def test_reading_ahead_tells_of_a_bad_frame_when_it_is_asked_for() -> None:
+    def load(index: int) -> np.ndarray:
+        if index == 3:
+            raise FileError("3 is damaged")
+        return np.zeros((2, 3), np.uint8)
+
+    with reading_ahead(Frames(tuple("abcdef"), load)) as ahead:
+        assert all(ahead[i].shape == (2, 3) for i in range(3))
+        with pytest.raises(FileError, match="3 is damaged"):
+            ahead[3]
