@@ -5,7 +5,7 @@ Nothing here knows a grey level: contrast is judged against the noise that the p
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -121,17 +121,23 @@ def measure_light(white: Image, black: Image, min_snr: float) -> Light:
 
 def sampled(picture: Levels, usable: npt.NDArray[np.bool_]) -> Evidence:
     """Return bands of rows of a picture (h, w), evenly spread, that show its noise as well as all of it."""
-    height, width = picture.shape
-    bands = max(_SAMPLE_PX // (_BAND_ROWS * width), _FEWEST_BANDS)
-    starts = np.unique(np.linspace(0, max(height - _BAND_ROWS, 0), bands).astype(int))
-    if len(starts) * _BAND_ROWS >= height:
-        level = picture.astype(np.float32)
-        return Evidence(level, level, usable)
-    rows = (starts[:, None] + np.arange(_BAND_ROWS)).ravel()
+    rows, inner = sample_rows(picture.shape)
     level = picture[rows].astype(np.float32)
-    # What lies across the joint of two bands is no neighbour.
-    inner = np.tile([False, *[True] * (_BAND_ROWS - 2), False], len(starts))
-    return Evidence(level, level, usable[rows] & inner[:, None])
+    return Evidence(level, level, usable[rows] & inner)
+
+
+def sample_rows(shape: tuple[int, ...]) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.bool_]]:
+    """Return rows (r,) in bands that are spread evenly over a picture (h, w), and which are inside a band (r, 1).
+
+    What lies across the joint of two bands is no neighbour. All rows of a small picture.
+    """
+    height, width = shape
+    bands = max(_SAMPLE_PX // (_BAND_ROWS * width), _FEWEST_BANDS)
+    if bands * _BAND_ROWS >= height:
+        return np.arange(height), np.ones((height, 1), dtype=np.bool_)
+    starts = np.linspace(0, height - _BAND_ROWS, bands).astype(np.intp)
+    inner = np.tile([False, *[True] * (_BAND_ROWS - 2), False], bands)
+    return (starts[:, None] + np.arange(_BAND_ROWS)).ravel(), inner[:, None]
 
 
 def without_rim(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
@@ -186,18 +192,33 @@ def saturation(image: Image) -> npt.NDArray[np.bool_]:
 
 def collect(
     mask: npt.NDArray[np.bool_],
-    projector_xy: Float32s,
-    sigma: Float32s,
+    places: Mapping[int, tuple[Float32s, Float32s]],
     confidence: Float32s,
     lit: Image,
 ) -> Correspondences:
     """Return one correspondence for each pixel of mask (h, w), at the pixel's centre.
 
-    projector_xy, sigma (h, w, 2) px; confidence (h, w); lit (h, w) or (h, w, 3): where the colours come from.
+    places: position and sigma (h, w) px of each coded axis, 0 for x and 1 for y; confidence (h, w); lit (h, w) or
+    (h, w, 3): where the colours come from.
     """
-    rows, cols = np.nonzero(mask)
-    camera_xy = np.stack([cols, rows], axis=1).astype(np.float32)
-    return Correspondences(camera_xy, projector_xy[mask], sigma[mask], confidence[mask], colors_at(lit, camera_xy))
+    from slkit.codecs._wave_kernels import write_maps, write_seen
+
+    rows = np.count_nonzero(mask, axis=1)
+    starts, total = np.cumsum(rows) - rows, int(rows.sum())
+    camera_xy, value, spread = (np.empty((total, 2), dtype=np.float32) for _ in range(3))
+    chance, color = np.empty(total, dtype=np.float32), np.empty((total, 3), dtype=np.float32)
+    grey, brightest = (lit if lit.ndim == 2 else lit[..., 0]), float(max(int(lit.max()), 1))
+
+    def work(first: int, last: int) -> None:
+        part = slice(first, last)
+        kept, at = mask[part], starts[part]
+        write_seen(first, kept, confidence[part], grey[part], brightest, at, camera_xy, chance, color)
+        for axis, (position, sigma) in places.items():
+            write_maps(kept, position[part], sigma[part], axis, len(places) == 1, at, value, spread)
+
+    over_rows(work, len(mask))
+    color = color if lit.ndim == 2 else colors_at(lit, camera_xy)
+    return Correspondences(camera_xy, value, spread, chance, color)
 
 
 def colors_at(lit: Image, camera_xy: Float32s) -> Float32s:

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from slkit.codecs._gray_code import Mask
-from slkit.codecs._masks import Reader, grey, saturation
+from slkit.codecs._masks import Levels, Reader, levels, sample_rows, saturation
 from slkit.codecs._noise import Evidence, noise_curve
+from slkit.codecs._rows import over_rows
 from slkit.data import Float32s, Image
 
 Noise = Callable[[Float32s], Float32s]
 """From grey levels (...) to the noise of one frame at that level, 1 sigma in grey levels."""
 
 _LEAST_SNR = 1e-3
+# So many pixels pass through all frames of a set at a time.
+_BLOCK_PX = 16_384
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,22 +56,40 @@ def read_wave(reader: Reader, start: int, steps: int, sign: int, offset: float) 
     sign: +1 where frame s shows cos(phase - 2 pi s / steps), -1 for plus; offset: phase at pixel 0 in radians.
     Source: the N-step algorithm; for evenly spaced shifts its two sums are the least-squares solution.
     """
-    image = reader.color(start)
-    total = np.zeros(image.shape, dtype=np.float32)
-    cosine, sine = np.zeros(image.shape[:2], dtype=np.float32), np.zeros(image.shape[:2], dtype=np.float32)
-    saturated = np.zeros(image.shape[:2], dtype=bool)
-    for step in range(steps):
-        image = image if step == 0 else reader.color(start + step)
-        frame, shift = grey(image), sign * 2 * np.pi * step / steps
-        cosine += np.float32(np.cos(shift)) * frame
-        sine += np.float32(np.sin(shift)) * frame
-        total += image
-        saturated |= saturation(image)
-    total /= np.float32(steps)
-    cycle = ((np.arctan2(sine, cosine) - np.float32(offset)) / np.float32(2 * np.pi)) % 1
-    level = total if total.ndim == 2 else total.mean(axis=2)
-    modulation = np.hypot(sine, cosine) * np.float32(2 / steps)
-    return Wave(cycle, modulation, level, saturated, as_image(total, image), steps)
+    images = [reader.color(start + step) for step in range(steps)]
+    shown = [levels(image) for image in images]
+    shape = shown[0].shape
+    saturated = np.logical_or.reduce([saturation(image) for image in images])
+    cosine, sine, total = (np.zeros(shape, dtype=np.float32) for _ in range(3))
+    cycle, shifts = np.empty(shape, dtype=np.float32), sign * 2 * np.pi * np.arange(steps) / steps
+    _sum_up(shown, shifts, offset, (cosine, sine, total), cycle)
+    mean: Float32s = total if images[0].ndim == 2 else np.asarray(np.mean(images, axis=0, dtype=np.float32))
+    return Wave(cycle, cosine, total, saturated, as_image(mean, images[0]), steps)
+
+
+def _sum_up(
+    shown: Sequence[Levels],
+    shifts: npt.NDArray[np.float64],
+    offset: float,
+    sums: tuple[Float32s, Float32s, Float32s],
+    cycle: Float32s,
+) -> None:
+    """Write cycle (h, w), and the modulation and the mean into the first and the last of `sums`, which are zero."""
+    from slkit.codecs._wave_kernels import add_step, arctangent, finish_wave
+
+    step = max(_BLOCK_PX // cycle.shape[1], 1)
+    weights = [(float(np.cos(shift)), float(np.sin(shift))) for shift in shifts]
+
+    def work(first: int, last: int) -> None:
+        # A few rows pass through all frames while they are in the processor's cache.
+        for start in range(first, last, step):
+            rows = slice(start, min(start + step, last))
+            cosine, sine, total = sums[0][rows], sums[1][rows], sums[2][rows]
+            for frame, weight in zip(shown, weights, strict=True):
+                add_step(frame[rows], *weight, cosine, sine, total)
+            finish_wave(cosine, sine, total, len(shown), offset, arctangent(), cycle[rows])
+
+    over_rows(work, len(cycle))
 
 
 def as_image(levels: Float32s, like: Image) -> Image:
@@ -78,10 +100,13 @@ def as_image(levels: Float32s, like: Image) -> Image:
 def noise_of_pair(one: Wave, other: Wave) -> Noise:
     """Return the noise that two sets of one scene show: their means differ by noise alone, whatever the texture."""
     usable = ~(one.saturated | other.saturated)
-    share = 1 / one.steps + 1 / other.steps
-    return noise_curve([Evidence(one.level - other.level, one.level, usable, share)]).at
+    rows, inner = sample_rows(usable.shape)
+    level, share = one.level[rows], 1 / one.steps + 1 / other.steps
+    return noise_curve([Evidence(level - other.level[rows], level, usable[rows] & inner, share)]).at
 
 
 def noise_of_one(wave: Wave) -> Noise:
     """Return the noise that the mean of one set shows; texture counts as noise here."""
-    return noise_curve([Evidence(wave.level, wave.level, ~wave.saturated, 1 / wave.steps)]).at
+    rows, inner = sample_rows(wave.level.shape)
+    level = wave.level[rows]
+    return noise_curve([Evidence(level, level, ~wave.saturated[rows] & inner, 1 / wave.steps)]).at

@@ -8,12 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from slkit.codecs._gray_code import Mask
+from slkit.codecs._rows import over_rows
 from slkit.data import Float32s
 
 # A period is taken where it is 99 times likelier than its neighbour.
 _LOG_ODDS = float(np.log(99))
-# exp(-50) is nothing, and exp(-500) would overflow float32.
-_MOST_LOG_ODDS = 50.0
+# What pictures show beyond noise is measured on so many pixels.
+_SAMPLE_PX = 100_000
 # How far beyond its bounds, in sigma and in px, a position may lie.
 _SLACK_SIGMAS, _SLACK_PX = 4.0, 0.5
 _RIM_SIGMAS = 3.0
@@ -91,33 +92,30 @@ class Ladder:
         predicted from noise, widened by what the distances of the whole picture show beyond it (gamma, stray light).
         longest: the coarsest period in px, which may have wrapped at the ends of the axis; None: nothing wraps.
         """
-        order, distance = _nearest_period(coarse.position, rung)
-        if longest is not None:
-            self._mend_ends(order, distance, coarse.position, rung, longest)
-        pitch = np.float32(rung.pitch)
-        variance = _variance(distance, np.hypot(coarse.sigma / pitch, rung.sigma), coarse.mask)
-        distance = np.abs(distance)
-        limit = np.minimum(np.float32(self.reach), np.float32(0.5) - np.float32(_LOG_ODDS) * variance)
-        log_odds = (1 - 2 * distance) / (2 * np.maximum(variance, np.float32(1e-6)))
-        odds = np.exp(np.minimum(log_odds, np.float32(_MOST_LOG_ODDS)))
-        confidence = coarse.confidence * (odds / (1 + odds)).astype(np.float32)
-        return Place((rung.cycle + order) * pitch, rung.sigma * pitch, confidence, coarse.mask & (distance < limit))
+        from slkit.codecs._wave_kernels import choose_period, mend_ends, nearest_period
 
-    def _mend_ends(self, order: Float32s, distance: Float32s, position: Float32s, rung: Rung, longest: float) -> None:
-        """Move pixels at one end of the axis to the other, in place, where that fits image and phase better."""
-        center = (self.extent - 1) / 2
-        near = np.abs(position - np.float32(center)) > np.float32(self.extent / 2 - rung.pitch)
-        here = Rung(rung.cycle[near], rung.sigma[near], rung.pitch)
-        there = position[near] - np.float32(longest) * np.sign(position[near] - np.float32(center))
-        other_order, other_distance = _nearest_period(there, here)
+        order, distance = np.empty_like(rung.cycle), np.empty_like(rung.cycle)
+        position, sigma = np.empty_like(rung.cycle), np.empty_like(rung.cycle)
+        confidence, mask = coarse.confidence.copy(), coarse.mask.copy()
 
-        def cost(chosen: Float32s, off: Float32s) -> Float32s:
-            beyond = np.abs((here.cycle + chosen) - np.float32(center / rung.pitch))
-            return np.abs(off) + np.maximum(beyond - np.float32(self.extent / 2 / rung.pitch), 0)
+        def near(first: int, last: int) -> None:
+            part = slice(first, last)
+            here = coarse.position[part], rung.cycle[part], rung.pitch
+            nearest_period(*here, order[part], distance[part])
+            if longest is not None:
+                mend_ends(*here, (self.extent - 1) / 2, float(self.extent), longest, order[part], distance[part])
 
-        better = cost(other_order, other_distance) < cost(order[near], distance[near])
-        order[near] = np.where(better, other_order, order[near])
-        distance[near] = np.where(better, other_distance, distance[near])
+        over_rows(near, len(order))
+        beyond = _unforeseen(distance, coarse, rung)
+
+        def choose(first: int, last: int) -> None:
+            part = slice(first, last)
+            told = order[part], distance[part], rung.cycle[part], rung.sigma[part], coarse.sigma[part]
+            out = position[part], sigma[part], confidence[part], mask[part]
+            choose_period(*told, rung.pitch, beyond, self.reach, _LOG_ODDS, *out)
+
+        over_rows(choose, len(order))
+        return Place(position, sigma, confidence, mask)
 
     def _inside(self, place: Place, longest: float | None) -> Mask:
         rim = self.extent / 2 + _SLACK_PX
@@ -138,16 +136,12 @@ def holds_axis(pitch: float, extent: int) -> bool:
     return pitch >= extent * (1 - 1e-9)
 
 
-def _nearest_period(position: Float32s, rung: Rung) -> tuple[Float32s, Float32s]:
-    raw = position / np.float32(rung.pitch) - rung.cycle
-    order = np.rint(raw)
-    return order, raw - order
-
-
-def _variance(distance: Float32s, predicted: Float32s, mask: Mask) -> Float32s:
-    """Return the variance (h, w) of the distances in periods squared: noise, and what the picture shows beyond it."""
-    variance = predicted**2
+def _unforeseen(distance: Float32s, coarse: Place, rung: Rung) -> float:
+    """Return the variance in periods squared that distances (h, w) show beyond what noise predicts, from some rows."""
+    rows = slice(None, None, -(-distance.size // _SAMPLE_PX))
+    mask = coarse.mask[rows]
     if not mask.any():
-        return variance
-    seen = (1.4826 * float(np.median(np.abs(distance[mask])))) ** 2
-    return variance + np.float32(max(seen - float(np.median(variance[mask])), 0.0))
+        return 0.0
+    predicted = (coarse.sigma[rows][mask] / np.float32(rung.pitch)) ** 2 + rung.sigma[rows][mask] ** 2
+    seen = (1.4826 * float(np.median(np.abs(distance[rows][mask])))) ** 2
+    return max(seen - float(np.median(predicted)), 0.0)

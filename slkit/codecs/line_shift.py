@@ -178,22 +178,21 @@ class LineShift:
         return replace(peaks, value=value).select(near & strong & whole & view.coarse.known[peaks.row, peaks.nearest])
 
     def _decode_pixels(self, read: Read, light: Light, white: Image, bounds: Bounds | None) -> Correspondences:
-        shape = (*light.mask.shape, 2)
-        projector_xy, sigma = np.full(shape, np.nan, dtype=np.float32), np.full(shape, np.nan, dtype=np.float32)
+        places: dict[int, tuple[Float32s, Float32s]] = {}
         keep, margin = light.mask.copy(), np.full(light.mask.shape, np.inf, dtype=np.float32)
         for axis in coded_axes(self.axes):
-            i = 0 if axis == "x" else 1
             coarse = self._coarse(axis, read, light, bounds)
             phase, snr = self._harmonic(axis, read, light)
             value, near = self._nearest_line(coarse.value, phase)
             good = coarse.known & near & (snr > self.min_snr * np.sqrt(2 / self.period))
             noise = np.sqrt(2 / self.period) * self.period / (2 * np.pi) / np.maximum(snr, 1e-3)
             shift = displacement(value, good, light.span, self.period / 2)
-            projector_xy[..., i] = value - VARIANCE * np.clip(shift, -STEEPEST, STEEPEST)
-            sigma[..., i] = np.hypot(NOISE_GAIN * noise, VARIANCE_DOUBT * around(shift))
+            position = value - VARIANCE * np.clip(shift, -STEEPEST, STEEPEST)
+            sigma = np.hypot(NOISE_GAIN * noise, VARIANCE_DOUBT * around(shift))
+            places[int(axis == "y")] = position.astype(np.float32), sigma.astype(np.float32)
             keep &= good
             margin = np.minimum(margin, coarse.margin)
-        return collect(keep, projector_xy, sigma, probability(margin), white)
+        return collect(keep, places, probability(margin), white)
 
     def _harmonic(self, axis: Axis, read: Read, light: Light) -> tuple[Float32s, Float32s]:
         """Return the position in px within a period, and amplitude over noise, of the first harmonic over the shifts.

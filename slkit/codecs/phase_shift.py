@@ -247,9 +247,6 @@ def _join(axes: tuple[Axis, ...], places: list[Place], lit: Image) -> Correspond
     mask = np.logical_and.reduce([found.mask for found in places])
     if not mask.any():
         raise DecodeError("no period could be told anywhere: the sets of fringes contradict each other or the bounds")
-    projector_xy = np.full((*mask.shape, 2), np.nan, dtype=np.float32)
-    sigma = projector_xy.copy()
-    for axis, found in zip(axes, places, strict=True):
-        projector_xy[..., int(axis == "y")], sigma[..., int(axis == "y")] = found.position, found.sigma
-    confidence = np.multiply.reduce([found.confidence for found in places])
-    return collect(mask, projector_xy, sigma, confidence, lit)
+    confidence = places[0].confidence if len(places) == 1 else np.multiply.reduce([p.confidence for p in places])
+    maps = {int(axis == "y"): (found.position, found.sigma) for axis, found in zip(axes, places, strict=True)}
+    return collect(mask, maps, confidence, lit)

@@ -99,5 +99,5 @@ def test_colours_are_shares_of_the_brightest_level() -> None:
     mask = np.zeros((3, 4), dtype=bool)
     mask[1, 2] = True
     value = np.full((3, 4, 2), 8, np.float32)
-    found = collect(mask, value, value, value[..., 0] / 8, lit)
+    found = collect(mask, {i: (value[..., i], value[..., i]) for i in (0, 1)}, value[..., 0] / 8, lit)
     assert found.camera_xy.tolist() == [[2, 1]] and found.color.shape == (1, 3)
