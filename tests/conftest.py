@@ -1,5 +1,6 @@
 import os
 import pkgutil
+import shutil
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -53,6 +54,37 @@ def gray_scan(small_rig: Rig, tmp_path_factory: pytest.TempPathFactory) -> Path:
     optics = Optics(read_noise=0.5, shot_noise=0.0)
     pipeline.simulate_scan(folder, small_rig, "sphere", ["gray"], {"step": 2}, optics, seed=3)
     return folder
+
+
+@pytest.fixture(scope="session")
+def tiny_rig(scaled: Callable[[Rig, float], Rig]) -> Rig:
+    """The paper's rig with a camera of 96 x 72 and a projector of 128 x 96 px."""
+    from slkit.simulation import paper_rig
+
+    return scaled(paper_rig(), 0.125)
+
+
+@pytest.fixture(scope="session")
+def tiny_captures(tiny_rig: Rig, tmp_path_factory: pytest.TempPathFactory) -> Callable[..., None]:
+    """Return a function that writes scan folders with the tiny rig, all different, under given names into a folder."""
+    from slkit import pipeline
+    from slkit.files import read_image, write_png
+    from slkit.simulation import Optics
+
+    pattern = tmp_path_factory.mktemp("tiny_scan")
+    pipeline.simulate_scan(pattern, tiny_rig, "sphere", ["gray"], {"step": 4}, Optics(read_noise=0.5, shot_noise=0.0))
+    pictures = {file.name: read_image(file) for file in pattern.glob("*.png")}
+
+    def write(folder: Path, *names: str) -> None:
+        for seed, name in enumerate(names):
+            rng = np.random.default_rng(seed)
+            (folder / name).mkdir(parents=True)
+            shutil.copy(pattern / "capture.toml", folder / name)
+            for file, picture in pictures.items():
+                noisy = picture + rng.integers(-1, 2, picture.shape)
+                write_png(folder / name / file, np.clip(noisy, 0, 255).astype(np.uint8))
+
+    return write
 
 
 @pytest.fixture(scope="session")

@@ -131,6 +131,16 @@ def test_tour_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     assert {"sphere.ply", "cloud.ply", "cloud.png"} <= {path.name for path in tmp_path.iterdir()}
 
 
+def test_scale_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    names = run_page(DOCS / "scale.md", tmp_path, monkeypatch)
+    assert (names["result"].scanned, names["result"].failures) == (1, ())
+    line = json.loads((tmp_path / "clouds" / "batch.jsonl").read_text(encoding="utf-8"))
+    (_, shown) = next(block for block in blocks(DOCS / "formats.md", "json") if "capture" in json.loads(block[1]))
+    assert list(json.loads(shown)) == list(line)
+    told = re.findall(r"^\| `([a-z]+)` \|", (DOCS / "scale.md").read_text(encoding="utf-8"), re.MULTILINE)
+    assert told == list(line)
+
+
 def test_extending_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     page = DOCS / "extending.md"
     codec = dict(blocks(page, "python"))["sweep.py"]

@@ -98,6 +98,17 @@ def test_compare(tmp_path: Path, scaled: Callable[[Rig, float], Rig], capsys: py
     assert {"comparison.html", "comparison.csv", "comparison.json"} <= {f.name for f in tmp_path.iterdir()}
 
 
+def test_batch(tmp_path: Path, scaled: Callable[[Rig, float], Rig], capsys: pytest.CaptureFixture[str]):
+    load("07_batch").main(tmp_path, scaled(paper_rig(), 0.25))
+    first, why, second = capsys.readouterr().out.splitlines()
+    assert first.startswith("5 captures: 4 scanned, 0 unchanged, 1 failed, ")
+    assert why.startswith("  sphere: ") and "missing 005_" in why
+    assert second.startswith("5 captures: 1 scanned, 4 unchanged, 0 failed, ")
+    clouds = sorted((tmp_path / "clouds").glob("*.ply"))
+    assert [f.stem for f in clouds] == sorted(f.name for f in (tmp_path / "captures").iterdir())
+    assert all(len(read_ply(f.read_bytes())) > 500 for f in clouds)
+
+
 def test_simulated_scan(scaled: Callable[[Rig, float], Rig], capsys: pytest.CaptureFixture[str]):
     load("01_simulated_scan").main(scaled(one_to_one_rig(), 0.5))
     told = capsys.readouterr().out

@@ -11,7 +11,7 @@ import traceback
 
 import typer
 
-from slkit.cli import board, calibrate, compare, patterns, plugins, rig, scan, simulate
+from slkit.cli import batch, board, calibrate, compare, patterns, plugins, rig, scan, simulate
 from slkit.errors import SlkitError
 
 app = typer.Typer(
@@ -27,6 +27,7 @@ app.command("board")(board.board)
 app.add_typer(simulate.app, name="simulate")
 app.command("calibrate")(calibrate.calibrate)
 app.command("scan")(scan.scan)
+app.command("batch")(batch.batch)
 app.command("compare")(compare.compare)
 app.add_typer(rig.app, name="rig")
 app.command("view")(scan.view)
@@ -34,7 +35,7 @@ app.command("plugins")(plugins.plugins)
 
 
 def main() -> None:
-    """Run the command line and exit: 0 done, 1 a fault of slkit, 2 a mistake that the user can mend.
+    """Run the command line and exit: 0 done, 1 a fault of slkit, 2 a mistake that the user can mend, 3 some failed.
 
     A mistake is told in one sentence on standard error; SLKIT_DEBUG=1 adds the traceback of a fault.
     """

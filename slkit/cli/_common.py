@@ -6,6 +6,7 @@ import json
 import math
 import re
 import sys
+import time
 import tomllib
 from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
@@ -54,21 +55,27 @@ def parse_size(text: str, option: str, what: str = "width x height in px, such a
 
 
 @contextmanager
-def progress_bar() -> Generator[Callable[[str, int, int], None] | None]:
-    """Give a function that shows progress on a terminal's standard error, or None where that is no terminal."""
+def progress_bar(rate: bool = False) -> Generator[Callable[[str, int, int], None] | None]:
+    """Give a function that shows progress on a terminal's standard error, or None where that is no terminal.
+
+    rate: show how many are done of how many, and how many a second, too.
+    """
     if not sys.stderr.isatty():
         yield None
         return
     from rich.console import Console
-    from rich.progress import Progress, TaskID
+    from rich.progress import MofNCompleteColumn, Progress, TaskID, TextColumn
 
-    with Progress(console=Console(stderr=True), transient=True) as bar:
+    counts = (MofNCompleteColumn(), TextColumn("{task.fields[rate]}")) if rate else ()
+    with Progress(*Progress.get_default_columns(), *counts, console=Console(stderr=True), transient=True) as bar:
         tasks: dict[str, TaskID] = {}
+        started = time.monotonic()
 
         def show(what: str, done: int, total: int) -> None:
             if what not in tasks:
-                tasks[what] = bar.add_task(what, total=total)
-            bar.update(tasks[what], completed=done, total=total)
+                tasks[what] = bar.add_task(what, total=total, rate="")
+            speed = done / max(time.monotonic() - started, 1e-9)
+            bar.update(tasks[what], completed=done, total=total, rate=f"{speed:.1f} a second")
 
         yield show
 

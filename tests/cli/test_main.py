@@ -9,7 +9,7 @@ from slkit.registry import GROUPS, names
 
 
 def test_import_is_light():
-    heavy = "['numpy', 'cv2', 'numba', 'open3d', 'scipy', 'trimesh', 'rich']"
+    heavy = "['numpy', 'cv2', 'numba', 'open3d', 'scipy', 'trimesh', 'rich', 'fsspec', 'distributed']"
     script = f"import sys, slkit.cli; print([m for m in {heavy} if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
@@ -39,7 +39,7 @@ def test_usage_errors(slkit, arguments):
 def test_help_names_every_verb(slkit):
     outcome = slkit("--help")
     assert outcome.code == 0
-    for verb in ("patterns", "board", "simulate", "calibrate", "scan", "rig", "view", "plugins"):
+    for verb in ("patterns", "board", "simulate", "calibrate", "scan", "batch", "rig", "view", "plugins"):
         assert f"\n  {verb} " in outcome.out
 
 
