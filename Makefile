@@ -35,6 +35,7 @@ check: $(INSTALLED)
 # Speeds as ratios within one run.
 bench: $(INSTALLED)
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/benchmarks.py
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/decoding_benchmarks.py --large
 
 # Makes every mistake of docs/faults.md on purpose and fills its table; takes a while.
 faults: $(INSTALLED)

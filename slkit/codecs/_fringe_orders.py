@@ -35,8 +35,8 @@ def number_fringes(
     scores (m, k), allowed (m, 2): see `match_lines`; window: so many neighbours say where they are. sign: +1 where the
     numbers rise along rows, -1 in a mirrored picture.
     """
-    label, ahead = label_slits(slits, scores, features, allowed)
-    label, ahead = label.astype(np.int32), ahead.astype(np.float32)
+    found = label_slits(slits, scores, features, allowed)
+    label, ahead = found.label.astype(np.int32), found.ahead.astype(np.float32)
     both = (label[1:] >= 0) & (label[:-1] >= 0) & (np.diff(slits.row) == 0)
     sign = -1 if np.sum(np.sign(np.diff(label)[both])) < 0 else 1
     above, below = np.empty_like(label), np.empty_like(label)

@@ -38,10 +38,10 @@ def match_lines(
     starts (h + 1,): where each line's slits begin; scores (m, k): log-likelihood ratio of each kind against "no slit of
     the pattern"; room (m,): how many unseen stripes the gap before a slit has room for, at most MOST_ROOM; kinds (n,):
     the sequence; allowed (m, 2): first and last label that may be, last < first for none; fixed (m,): labels known
-    already, -1 for none. together: fixed slits hold their place in the order; else the others are matched as if they
-    were not there. Every stripe passed over more or less than there is room for costs prices[0] nats, going anywhere
-    else, back included, prices[1], a label that another slit of the line has prices[2]. label (m,): -1 for none; margin
-    (m,): how much worse, in nats, the best solution is in which the slit has another label or none.
+    already, -1 for none; they hold their place in the order. Every stripe passed over more or less than there is room
+    for costs prices[0] nats, going anywhere else, back included, prices[1], a label that another slit of the line has
+    prices[2]. label (m,): -1 for none; margin (m,): how much worse, in nats, the best solution is in which the slit has
+    another label or none.
     Source: dynamic programming after Monks, Carter and Shadle (1992) and Zhang, Curless and Seitz (2002), with
     max-marginals for the margin.
     """

@@ -12,7 +12,7 @@ Longs = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 
 # A neighbour in the same row may be so many labels on; in other rows so many steps are looked for.
-_FARTHEST, _STEPS = 3, 2
+FARTHEST, _STEPS = 3, 2
 # What one slit says for a pair: in its own row, in other rows one label on, and two.
 _BESIDE, _NEAR, _FAR = 1.0, 0.5, 0.4
 _NEVER = np.float32(-1e9)
@@ -98,7 +98,7 @@ def _beside(
     if j < starts[row[i]] or j >= starts[row[i] + 1]:
         return count
     away = max(int(np.rint(abs(col[j] - col[i]) / gap[i])), 1)
-    if away > _FARTHEST:
+    if away > FARTHEST:
         return count
     return _note(int(piece[i]), int(piece[j]), side, away, _BESIDE, first, count, pair, weight)
 
@@ -147,7 +147,8 @@ def propagate(
     """Write what each piece's own colour and all others say of its labels together, belief (p, n) in nats.
 
     own (p, n); label (p,): of pieces that are sure, -1 for others; pair (e, 3), weight (e,): see `find_pairs`, from
-    left to right. To be off by one label costs `skip` times the weight, by any number `jump` times it.
+    left to right. To be off by one label costs `skip` times the weight, by any
+    other number, and against the order, `jump` times it.
     Source: max-product belief propagation (Pearl 1988) on a graph with cycles, forth and back along the pairs.
     """
     labels = own.shape[1]
@@ -181,7 +182,7 @@ def _say(
     floor = np.float32(best - jump * weight)
     for j in range(labels):
         message[j] = floor
-    for off in range(-1, 3):
+    for off in range(-1, 2):
         toll = np.float32(abs(off) * skip * weight)
         ahead = step + off
         if toll >= jump * weight or ahead < min(step, 1):
@@ -194,8 +195,8 @@ def _say(
 
 
 @numba.njit(cache=True, nogil=True)
-def drop_lonely(label: Wholes, pair: Wholes, fewest: int) -> None:
-    """Set the label (p,) of pieces to -1 that have fewer than `fewest` different neighbours that agree with them."""
+def drop_lonely(label: Wholes, open_ones: Mask, pair: Wholes, fewest: int) -> None:
+    """Set the label (p,) of open ones (p,) to -1 that have fewer than `fewest` different neighbours that agree."""
     agreeing = np.empty(len(label), dtype=np.int64)
     changed = True
     while changed:
@@ -203,15 +204,15 @@ def drop_lonely(label: Wholes, pair: Wholes, fewest: int) -> None:
         for e in range(len(pair)):
             left, right, step = pair[e]
             if step and label[left] >= 0 and label[right] - label[left] == step:
-                agreeing[left] |= 1 << (_FARTHEST + step)
-                agreeing[right] |= 1 << (_FARTHEST - step)
+                agreeing[left] |= 1 << (FARTHEST + step)
+                agreeing[right] |= 1 << (FARTHEST - step)
         changed = False
         for i in range(len(label)):
             count, bits = 0, agreeing[i]
             while bits:
                 bits &= bits - 1
                 count += 1
-            if label[i] >= 0 and count < fewest:
+            if open_ones[i] and label[i] >= 0 and count < fewest:
                 label[i] = -1
                 changed = True
 

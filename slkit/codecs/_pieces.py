@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from slkit.codecs._color_kernels import largest
-from slkit.codecs._piece_kernels import drop_lonely, find_pairs, group, propagate, usual_gaps
+from slkit.codecs._piece_kernels import FARTHEST, drop_lonely, find_pairs, group, propagate, usual_gaps
 from slkit.codecs._track_kernels import along_tracks
 from slkit.codecs._view_slits import Slits
 
@@ -40,19 +40,24 @@ _WORST = 3.0
 # What no piece with a sure label holds must show so many labels: five in an order that exists by chance is rare.
 _FEWEST_LABELS = 6
 _FEWEST_NEIGHBOURS = 2
+# No stage labels what is shorter.
+_FEWEST_ROWS = 2
 _RULED_OUT = np.float32(-50.0)
 
 
 @dataclass(frozen=True)
 class _Stage:
-    """alone: without the pieces that are sure; ahead: nats by which a label must lead; rows: at least of a piece."""
+    """alone: without the pieces that are sure; ahead: nats by which a label must lead; rows: at least of a piece;
+    agreeing: share of its pairs.
+    """
 
     alone: bool
     ahead: float
     rows: int
+    agreeing: float
 
 
-_STAGES = (_Stage(True, 4.5, 2), _Stage(False, 9.5, 4))
+_STAGES = (_Stage(True, 4.5, _FEWEST_ROWS, 0.5), _Stage(False, 9.5, 4, 0.35))
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +101,6 @@ def label_pieces(
     pairs = _pairs(slits, pieces)
     fit = _fit(scores, pieces)
     own = np.ascontiguousarray(fit[:, kinds])
-    _rule_out(own, allowed, pieces)
     found, lead = pieces.label.copy(), np.zeros(len(pieces.rows), np.float32)
     for stage in _STAGES:
         best, margin = _believed(own, found, pairs, stage)
@@ -125,27 +129,32 @@ def _pairs(slits: Slits, pieces: _Pieces) -> _Pairs:
     """Return which pieces lie beside each other, sorted along the rows, and which follow on one track."""
     gap = np.empty(len(slits), np.float32)
     usual_gaps(slits.starts, slits.col, gap)
-    some = pieces.order[pieces.label[pieces.of[pieces.order]] < 0]
+    of = pieces.of[pieces.order]
+    some = pieces.order[(pieces.label[of] < 0) & (pieces.rows[of] >= _FEWEST_ROWS)]
     most = 16 * len(pieces.rows) + 4 * len(some)
     pair, weight = np.empty((most, 3), np.int32), np.empty(most, np.float32)
     place = slits.starts, slits.row, slits.col, _pace(slits), gap
     count = find_pairs(*place, pieces.of, some, _SHIFTS, _WITHIN, pair, weight)
-    left, right, step = pair[:count].T.astype(np.int64)
-    key, inverse = np.unique((left * len(pieces.rows) + right) * 4 + step, return_inverse=True)
-    total = np.bincount(inverse, weight[:count])
-    both, step = np.divmod(key, 4)
-    left, right = np.divmod(both, len(pieces.rows))
-    shorter = np.minimum(pieces.rows[left], pieces.rows[right])
-    strong = np.minimum(total / np.maximum(_FULL, _FULL_SHARE * shorter), 1)
+    pair, strong = _merged(pair[:count], weight[:count], pieces)
     first = pieces.order[pieces.starts]
     joined = np.flatnonzero(np.diff(slits.track[first]) == 0)
-    left, right = np.concatenate([left, joined]), np.concatenate([right, joined + 1])
-    step = np.concatenate([step, np.zeros(len(joined), step.dtype)])
-    strong = np.concatenate([strong, np.full(len(joined), _SAME_TRACK)])
+    track = np.stack([joined, joined + 1, np.zeros_like(joined)], axis=1).astype(np.int32)
+    pair = np.concatenate([pair, track])
+    strong = np.concatenate([strong, np.full(len(track), _SAME_TRACK, np.float32)])
     middle = np.bincount(pieces.of, slits.col) / pieces.rows
-    along = np.argsort(middle[left] + middle[right], kind="stable")
-    pair = np.stack([left, right, step], axis=1)[along].astype(np.int32)
-    return _Pairs(np.ascontiguousarray(pair), strong[along].astype(np.float32))
+    along = np.argsort(middle[pair[:, 0]] + middle[pair[:, 1]], kind="stable")
+    return _Pairs(np.ascontiguousarray(pair[along]), strong[along])
+
+
+def _merged(pair: Wholes, weight: Singles, pieces: _Pieces) -> tuple[Wholes, Singles]:
+    """Return each pair once, (e, 3), and how far it counts (e,), 0 to 1."""
+    left, right, step = pair.T.astype(np.int64)
+    key, inverse = np.unique((left * len(pieces.rows) + right) * (FARTHEST + 1) + step, return_inverse=True)
+    both, step = np.divmod(key, FARTHEST + 1)
+    left, right = np.divmod(both, len(pieces.rows))
+    shorter = np.minimum(pieces.rows[left], pieces.rows[right])
+    strong = np.minimum(np.bincount(inverse, weight) / np.maximum(_FULL, _FULL_SHARE * shorter), 1)
+    return np.stack([left, right, step], axis=1).astype(np.int32), strong.astype(np.float32)
 
 
 def _pace(slits: Slits) -> Singles:
@@ -160,17 +169,6 @@ def _fit(scores: Singles, pieces: _Pieces) -> Singles:
     """Return how well each kind fits each piece (p, k), in nats."""
     total = np.add.reduceat(scores[pieces.order], pieces.starts, axis=0) / np.float32(_CORRELATED)
     return np.clip(total, -_LOUDEST, _LOUDEST, dtype=np.float32)
-
-
-def _rule_out(own: Singles, allowed: Wholes, pieces: _Pieces) -> None:
-    """Take from each piece (p, n) the labels that none of its slits may have, and from the sure ones all but theirs."""
-    ordered = allowed[pieces.order]
-    low = np.minimum.reduceat(ordered[:, 0], pieces.starts)[:, None]
-    high = np.maximum.reduceat(ordered[:, 1], pieces.starts)[:, None]
-    sure = pieces.label[:, None] >= 0
-    low, high = np.where(sure, pieces.label[:, None], low), np.where(sure, pieces.label[:, None], high)
-    label = np.arange(own.shape[1])
-    own[(label < low) | (label > high)] = _RULED_OUT
 
 
 def _believed(own: Singles, found: Wholes, pairs: _Pairs, stage: _Stage) -> tuple[Wholes, Singles]:
@@ -189,14 +187,32 @@ def _believed(own: Singles, found: Wholes, pairs: _Pairs, stage: _Stage) -> tupl
 
 
 def _in_company(new: Mask, best: Wholes, found: Wholes, pairs: _Pairs, stage: _Stage) -> Mask:
-    """Return which new labels (p,) hang together with sure ones, or with so many others that chance is ruled out."""
+    """Return which new labels (p,) hang together with sure ones, or with so many others that chance is ruled out.
+
+    Colours that are none of the pattern's find some order too, but contradict each other: of the pairs that new labels
+    are part of, a share must agree, for each piece, and alone for all that hang together.
+    """
     label = np.where(new, best, -1 if stage.alone else found).astype(np.int32)
-    if stage.alone:
-        drop_lonely(label, pairs.pair, _FEWEST_NEIGHBOURS)
+    claimed = label.copy()
+    drop_lonely(label, new, pairs.pair, _FEWEST_NEIGHBOURS)
     root = np.empty(len(label), np.int64)
     group(label, pairs.pair, root)
-    told = label >= 0
-    held = np.bincount(root[(found >= 0) & told], minlength=len(root))[root] > 0
+    told, sure = label >= 0, (found >= 0) & (not stage.alone)
+    whose = root if stage.alone else np.arange(len(root))
+    left, right, step = pairs.pair.T
+    both = (step > 0) & (claimed[left] >= 0) & (claimed[right] >= 0) & ~(sure[left] & sure[right])
+    agree = both & told[left] & told[right] & (label[right] - label[left] == step)
+    share = _weight_of(pairs, whose, agree & both) / np.maximum(_weight_of(pairs, whose, both), 1e-6)
     span = int(label.max(initial=0)) + 1
     shown = np.unique(root[told] * span + label[told]) // span
-    return new & told & (held | (np.bincount(shown, minlength=len(root))[root] >= _FEWEST_LABELS))
+    many = np.bincount(shown, minlength=len(root))[root] >= _FEWEST_LABELS
+    held = np.bincount(root[sure & told], minlength=len(root))[root] > 0
+    return new & told & (held | many) & (share[whose] >= stage.agreeing)
+
+
+def _weight_of(pairs: _Pairs, whose: Longs, use: Mask) -> npt.NDArray[np.float64]:
+    """Return the weight (p,) of some pairs (e,), summed up at both ends under the number `whose` (p,) of a piece."""
+    left, right, _ = pairs.pair[use].T
+    weight = pairs.weight[use].astype(np.float64)
+    both = np.concatenate([whose[left], whose[right]])
+    return np.bincount(both, np.tile(weight, 2), len(whose)).astype(np.float64)

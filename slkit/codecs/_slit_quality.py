@@ -27,14 +27,14 @@ _SAMPLING_DOUBT = 0.015
 # A slit is narrower than this share of its neighbour's width only where something cuts it.
 _USUAL_WIDTH = 0.9
 # And with such a share of its neighbour's width or light an edge has cut it for certain.
-_CUT_WIDTH, _CUT_LIGHT = 0.75, 0.5
+_CUT_WIDTH, _CUT_LIGHT = 0.7, 0.4
 _KEEP = 0.9
 _FARTHEST_NEIGHBOUR = 3
 
 
 @dataclass(frozen=True, eq=False)
 class Regular:
-    """keep (m,): slits that look like their neighbours on the track; doubt (m,): what the others may be off, in px."""
+    """keep (m,): slits that look like their neighbours on track and row; doubt (m,): how far each may be off, in px."""
 
     keep: Mask
     doubt: Singles

@@ -48,31 +48,51 @@ class _View:
     allowed: Wholes
 
 
-def label_slits(slits: Slits, scores: Singles, features: Features, allowed: Wholes) -> tuple[Wholes, Singles]:
-    """Return the label (m,) of every slit, -1 for none, and by how much it is ahead of others (m,), in nats.
+@dataclass(frozen=True, eq=False)
+class Labels:
+    """label (m,): of every slit, -1 for none; ahead (m,): by how much it is ahead of others, in nats.
 
-    scores (m, k), allowed (m, 2): see `match_lines`. A mirrored picture shows the pattern from its end. Tracks whose
-    rows agree come first; what they leave open is told by what lies around it, see `label_pieces`.
+    order: how far what rows say by themselves follows the pattern, 0 to 1.
+    """
+
+    label: Wholes
+    ahead: Singles
+    order: float
+
+
+def label_slits(slits: Slits, scores: Singles, features: Features, allowed: Wholes, edges: bool = False) -> Labels:
+    """Return the labels of slits.
+
+    scores (m, k), allowed (m, 2): see `match_lines`; edges: slits are changes of colour. A mirrored picture shows the
+    pattern from its end. Tracks whose rows agree come first; what they leave open, unless edges, is told by what lies
+    around it, see `label_pieces`.
     """
     room = np.empty(len(slits), dtype=np.int32)
     room_before(slits.starts, slits.col, MOST_ROOM, room)
     last = len(features.kinds) - 1
     views = [_View(features.kinds, allowed), _View(features.back, last - allowed[:, ::-1])]
     back = _agreement(slits, scores, room, views[1]) > _agreement(slits, scores, room, views[0])
-    label, ahead = _label(slits, scores, room, views[back])
-    return np.where(back & (label >= 0), last - label, label), ahead
+    view = views[back]
+    label, ahead = _label(slits, scores, room, view)
+    order = _in_order(slits, scores, view, label)
+    if not edges:
+        other, lead = label_pieces(slits, scores, view.kinds, view.allowed, label)
+        label, ahead = np.where(label < 0, other, label), np.where(label < 0, lead, ahead)
+    return Labels(np.where(back & (label >= 0), last - label, label), ahead, order)
 
 
-def in_order(slits: Slits, scores: Singles, label: Wholes) -> float:
-    """Return how far labels (m,) follow the pattern, 0 to 1: of the slits whose colour is clear, the share that has a
-    label, times the share of labelled neighbours that follow each other. scores (m, k): see `match_lines`.
+def _in_order(slits: Slits, scores: Singles, view: _View, label: Wholes) -> float:
+    """Return how far labels (m,) follow the pattern, 0 to 1.
+
+    Of the slits whose colour is clear and which might be any of several stripes, the share that has a label, times the
+    share of labelled neighbours that follow each other. 1 without such slits.
     """
-    clear = largest(scores) > _CLEAR
+    clear = (largest(scores) > _CLEAR) & (view.allowed[:, 1] - view.allowed[:, 0] > _NEIGHBOURS)
+    if not clear.any():
+        return 1.0
     both = (np.diff(slits.row) == 0) & (label[1:] >= 0) & (label[:-1] >= 0)
-    step = np.diff(label)[both]
-    if not (clear.any() and len(step)):
-        return 0.0
-    return float((label[clear] >= 0).mean()) * max(float((step == way).mean()) for way in (1, -1))
+    following = np.diff(label)[both] == 1
+    return float((label[clear] >= 0).mean()) * (float(following.mean()) if len(following) else 0.0)
 
 
 def _agreement(slits: Slits, scores: Singles, room: Wholes, view: _View) -> float:
@@ -101,8 +121,7 @@ def _label(slits: Slits, scores: Singles, room: Wholes, view: _View) -> tuple[Wh
         sure &= _among_others(slits, np.where(sure, voted, final), order)
         sure &= scores[np.arange(count), view.kinds[voted]] > largest(scores) - _WORST
         final[sure], ahead[sure] = voted[sure], (pro - contra)[sure]
-    other, lead = label_pieces(slits, scores, view.kinds, allowed, final)
-    return np.where(final < 0, other, final), np.where(final < 0, lead, ahead)
+    return final, ahead
 
 
 def _among_others(slits: Slits, label: Wholes, order: npt.NDArray[np.int64]) -> Mask:

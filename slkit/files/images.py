@@ -104,7 +104,8 @@ def reading_ahead(frames: Frames) -> Generator[Frames]:
     The first is kept, since more than one asks for it; any other one is read anew when it is asked for again. Errors
     come when the frame is asked for, as from `frames` itself.
     """
-    workers = min(os.cpu_count() or 1, _MOST_READERS)
+    # Where compiled loops are held to fewer threads, other processes have the rest of the cores.
+    workers = min(int(os.environ.get("NUMBA_NUM_THREADS") or os.cpu_count() or 1), _MOST_READERS)
     waiting: dict[int, Future[Image]] = {}
     given: set[int] = set()
     with ThreadPoolExecutor(workers) as pool:

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import cv2
@@ -357,8 +358,24 @@ def test_other_patterns_than_projected_are_named() -> None:
     swapped = Frames.of([np.ascontiguousarray(frames[0][:, :, ::-1])])
     other = replace(codec, sequence=tuple((5 - np.array(codec.sequence)).tolist()))
     for pattern, pictures in ((codec, swapped), (other, frames)):
-        with pytest.raises(DecodeError, match="not in the order of this pattern"):
-            pattern.decode(pictures)
+        for bounds in (None, np.tile(np.array([0, 359, 0, 89], np.float32), (90, 360, 1))):
+            with pytest.raises(DecodeError, match="not in the order of this pattern"):
+                pattern.decode(pictures, bounds)
+
+
+def test_colors_that_nobody_projected_get_next_to_no_labels() -> None:
+    """Half a picture is coloured texture: labels there are wrong, and the pattern beside it must not suffer."""
+    codec, wrong, count = ColorStripes((480, 240)), 0, 0
+    for seed, size in ((1, 2), (1, 5), (2, 2), (2, 5)):
+        noise = np.random.default_rng(seed).normal(0, 1, (240, 480, 3))
+        texture = np.clip(0.4 + size * cv2.GaussianBlur(noise, (0, 0), size), 0, 1)[:, :240]
+        off, _ = errors(codec, seen(codec, partial(_beside, texture)))
+        wrong, count = wrong + int((np.abs(off) > PERIOD / 2).sum()), count + len(off)
+    assert wrong <= 0.01 * count and count > 0.9 * 4 * 20 * 240
+
+
+def _beside(texture: np.ndarray, light: np.ndarray) -> np.ndarray:
+    return np.concatenate([texture, 0.8 * light[:, texture.shape[1] :]], axis=1)
 
 
 @pytest.mark.parametrize("albedo", [(1.0, 0.8, 0.02), (0.02, 1.0, 1.0), (1.0, 0.02, 0.9)])

@@ -86,7 +86,7 @@ def show(told: str, result: Score) -> None:
 
 def test_neutral_object() -> None:
     paper = judged("paper free-form")
-    assert paper.visible >= 0.95 and paper.error.wrong <= 0.004
+    assert paper.visible >= 0.91 and paper.error.wrong <= 0.003
     alike = judged("one-to-one free-form")
     assert alike.visible >= 0.97 and alike.error.wrong <= 0.002
     wide = judged("one-to-one free-form", gap=12)
@@ -105,6 +105,16 @@ def test_colored_object() -> None:
 def test_references_cancel_the_object_s_own_color() -> None:
     three = judged("one-to-one color-free-form", references=True)
     assert three.visible >= 0.92 and three.error.wrong <= 0.003
+
+
+def test_edges_of_a_colored_object() -> None:
+    alike = judged("one-to-one color-free-form", style="edges")
+    assert alike.visible >= 0.74 and alike.error.wrong <= 0.01
+
+
+def test_a_random_rig_with_few_slits_that_are_clear() -> None:
+    result = judged("random color-free-form", 904)
+    assert result.visible >= 0.55 and result.error.wrong <= 0.015
 
 
 @pytest.mark.parametrize("seed", FRESH_SEEDS)
@@ -202,6 +212,24 @@ def test_planar_capture(planar: Any) -> None:
     show("planar_capture", result)
     assert result.visible >= 0.96 and result.lit >= 0.91
     assert result.error.wrong <= 0.003 and result.error.rms_px <= 0.3
-    known = score(codec, codec.decode(frames, pipeline.bounds(rig, (550, 900))), truth)
+    found = codec.decode(frames, pipeline.bounds(rig, (550, 900)))
+    known = score(codec, found, truth)
     show("planar_capture, depth", known)
     assert known.error.wrong <= 0.005 and known.error.rms_px <= 0.3
+
+
+def test_a_depth_range_invents_nothing_beyond_it(planar: Any) -> None:
+    """Off the object no truth is known; but what is found there with a depth range is found without one, too."""
+    codec, frames, truth, rig = planar
+    every = codec.decode(frames)
+    places = np.rint(every.camera_xy).astype(int)
+    free = np.full(truth.shape[:2], np.nan)
+    free[places[:, 1], places[:, 0]] = every.projector_xy[:, 0]
+    for depth in ((550, 900), (700, 850)):
+        found = codec.decode(frames, pipeline.bounds(rig, depth))
+        cols, rows = np.rint(found.camera_xy).astype(int).T
+        off = np.isnan(truth[rows, cols, 0])
+        near = np.stack([free[rows, np.clip(cols + c, 0, free.shape[1] - 1)] for c in (-1, 0, 1)])
+        new = off & ~(np.abs(near - found.projector_xy[:, 0]) < 1).any(axis=0)
+        print(f"{depth}: {off.sum()} points off the object, {new.sum()} of them new")
+        assert new.sum() <= 0.03 * len(every)

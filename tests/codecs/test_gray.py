@@ -270,3 +270,23 @@ def test_real_skull_without_inverse(captures: Any, read_frames: Any) -> None:
     assert len(found) >= 380_000
     value = found.projector_xy[:, 0]
     assert np.quantile(value, 1e-3) > 2 * 10 and np.quantile(value, 1 - 1e-3) < 2 * 834
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), inverse=st.booleans(), kind=st.sampled_from([np.uint8, np.uint16]))
+def test_compiled_loops_read_the_same_cells_as_numpy(seed: int, inverse: bool, kind: Any) -> None:
+    """NumPy is what `robust` and `subpixel` use; a lambda for every bit asks for it without changing anything."""
+    rng = np.random.default_rng(seed)
+    code, full = CellCode("x", 100, 1, inverse), int(np.iinfo(kind).max)
+    shape = int(rng.integers(3, 70)), int(rng.integers(3, 70))
+    white = rng.integers(full // 2, full, shape).astype(kind)
+    black = rng.integers(0, full // 3, shape).astype(kind)
+    light = measure_light(white, black, 0.01)
+    images = {name: rng.integers(0, full, shape).astype(kind) for name in code.names()}
+    rule = BitRule(float(rng.uniform(0.1, 3)), float(rng.uniform(0, 0.3)), robust=False)
+    compiled = read_cells(code, images.__getitem__, light, rule)
+    plain = read_cells(code, images.__getitem__, light, rule, lambda *_: None)
+    # What lies within rounding of a threshold may be decided otherwise.
+    same = (compiled.lo == plain.lo) & (compiled.hi == plain.hi)
+    assert same.mean() > 0.995
+    np.testing.assert_allclose(compiled.margin[same], plain.margin[same], rtol=1e-4)
