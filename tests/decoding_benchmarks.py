@@ -3,14 +3,15 @@
 OPENBLAS_NUM_THREADS=1 python tests/decoding_benchmarks.py
 
 All times are by the clock, the least of several, and each ratio is taken within this run. A copy moves the bytes that
-the work beside it reads and writes, on one thread. --large adds pictures of 4096 x 3000 px.
+the work beside it reads and writes, on one thread. --large adds pictures of 4096 x 3000 px; --page FILE puts what is
+printed into a page of the documentation.
 """
 
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -32,6 +33,7 @@ from slkit.geometry import Pinhole, Pose, Rig
 from slkit.triangulation import Filters, triangulate
 
 PROJECTOR = (1024, 768)
+START, END = "<!-- measured -->", "<!-- /measured -->"
 
 
 def least_seconds(work: Callable[[], object], times: int = 5) -> float:
@@ -97,9 +99,9 @@ def copying(count: int) -> float:
     return least_seconds(lambda: np.copyto(target, source))
 
 
-def decoders(width: int, height: int) -> None:
+def decoders(width: int, height: int) -> Iterator[str]:
     """Decoding beside a copy of its bytes, and the cells of Gray code in NumPy."""
-    print(f"decoding, {width} x {height} px")
+    yield f"decoding, {width} x {height} px"
     codecs = {
         "gray": Gray(PROJECTOR),
         "phase-shift, 4 steps": PhaseShift(PROJECTOR, x=Fringes((64.0, 8.0, 1.0))),
@@ -110,14 +112,14 @@ def decoders(width: int, height: int) -> None:
         found = codec.decode(frames)
         ours, copy = least_seconds(lambda c=codec, f=frames: c.decode(f), 3), copying(bytes_of(frames, found))
         told = f"{1e3 * ours:.1f} ms, {ours / copy:.1f} times a copy"
-        print(f"  {name}, {len(frames)} pictures, {len(found)} points: {told}")
+        yield f"  {name}, {len(frames)} pictures, {len(found)} points: {told}"
         if name == "gray":
             plain, compiled = cells_in_numpy(codec, frames)
-            print(f"  gray cells and margins in NumPy: {plain / compiled:.1f} times as long")
-            points(found, rig_of(width, height))
+            yield f"  gray cells and margins in NumPy: {plain / compiled:.1f} times as long"
+            yield from points(found, rig_of(width, height))
 
 
-def points(found: Correspondences, rig: Rig) -> None:
+def points(found: Correspondences, rig: Rig) -> Iterator[str]:
     """Triangulating, beside a copy of its bytes and OpenCV's two views; and the search for company beside a tree."""
     cloud = triangulate(found, rig)
     ours = least_seconds(lambda: triangulate(found, rig), 3)
@@ -127,15 +129,15 @@ def points(found: Correspondences, rig: Rig) -> None:
     views = [rig.camera.K @ np.eye(3, 4), rig.projector.K @ np.eye(3, 4)]
     theirs = 16 * least_seconds(lambda: cv2.triangulatePoints(*views, *pair), 2)
     told = f"{ours / copy:.1f} times a copy; cv2.triangulatePoints {theirs / ours:.1f} times as long"
-    print(f"  triangulating with both lenses, sigma of {len(found)} points: {1e3 * ours:.1f} ms, {told}")
+    yield f"  triangulating with both lenses, sigma of {len(found)} points: {1e3 * ours:.1f} ms, {told}"
     cloud = cloud.select(cloud.finite)
     filters = Filters(residual=False, sigma=False, depth=False)
     company = least_seconds(lambda: filters.apply(cloud), 2)
     tree = least_seconds(lambda: KDTree(cloud.xyz).query(cloud.xyz, k=11, workers=-1), 1)
-    print(f"  points without company: {1e3 * company:.1f} ms; a KDTree's neighbours {tree / company:.1f} times as long")
+    yield f"  points without company: {1e3 * company:.1f} ms; a KDTree's neighbours {tree / company:.1f} times as long"
 
 
-def whole_scan(width: int, height: int) -> None:
+def whole_scan(width: int, height: int) -> Iterator[str]:
     """The whole command `slkit scan` beside reading the same PNGs on two threads."""
     codec = Gray(PROJECTOR)
     with tempfile.TemporaryDirectory() as folder:
@@ -156,10 +158,10 @@ def whole_scan(width: int, height: int) -> None:
         whole = least_seconds(lambda: subprocess.run([*command, str(root / "cloud.ply")], check=True, stdout=-3), 3)
         reading = least_seconds(read, 3)
         told = f"{whole:.2f} s, {whole / reading:.2f} times reading them ({reading:.2f} s)"
-        print(f"slkit scan of {len(files)} PNGs of {width} x {height} px, with start and cloud: {told}")
+        yield f"slkit scan of {len(files)} PNGs of {width} x {height} px, with start and cloud: {told}"
 
 
-def batches(captures: int = 24) -> None:
+def batches(captures: int = 24) -> Iterator[str]:
     """One and two workers on the same small captures, once each has warmed up."""
     with tempfile.TemporaryDirectory() as folder:
         root = Path(folder)
@@ -179,15 +181,25 @@ def batches(captures: int = 24) -> None:
                 started = time.perf_counter()
                 jobs.scan_all(str(root / "captures" / "*"), recipe, str(root / f"clouds{workers}"), pool)
                 rates.append(captures / (time.perf_counter() - started))
-        print(
-            f"slkit batch: {rates[0]:.2f} captures a second with one worker, {rates[1] / rates[0]:.2f} times with two"
-        )
+        told = f"{rates[0]:.2f} captures a second with one worker, {rates[1] / rates[0]:.2f} times as many with two"
+        yield f"slkit batch, {captures} captures of {len(pictures)} PNGs of 1024 x 768 px: {told}"
+
+
+def page(path: Path, lines: list[str]) -> None:
+    """Put lines between the marks of a page."""
+    head, rest = path.read_text(encoding="utf-8").split(START)
+    tail = rest.split(END)[1]
+    text = "\n".join(["", "", "```text", *lines, "```", "", ""])
+    path.write_text(head + START + text + END + tail, encoding="utf-8")
 
 
 if __name__ == "__main__":
-    sizes = [(1024, 768)] + ([(4096, 3000)] if "--large" in sys.argv else [])
-    for size in sizes:
-        decoders(*size)
-    for size in sizes:
-        whole_scan(*size)
-    batches()
+    large = "--large" in sys.argv
+    sizes = [(1024, 768)] + ([(4096, 3000)] if large else [])
+    told: list[str] = []
+    for part in (*(decoders(*s) for s in sizes), *(whole_scan(*s) for s in sizes), batches()):
+        for line in part:
+            print(line, flush=True)
+            told.append(line)
+    if "--page" in sys.argv:
+        page(Path(sys.argv[sys.argv.index("--page") + 1]), told)

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from slkit.codecs._gray_code import CellCode, Cells, Ints
 from slkit.codecs._line_view import AxisPeaks, Coarse, View
 from slkit.codecs._masks import Light
-from slkit.codecs._peaks import Peaks, refined, smoothers
+from slkit.codecs._peaks import Peaks, refined
 from slkit.data import Float32s
 
 Floats = npt.NDArray[np.float64]
@@ -65,7 +65,7 @@ def _crossings(share: Float32s, noise: Float32s, row: Places, left: Places, valu
     for rising in (True, False):
         mine = (after > before) == rising
         signed = share if rising else -share
-        col, sigma = refined(signed, noise, row[mine], start[mine], _SCALE, smoothers)
+        col, sigma = refined(signed, noise, row[mine], start[mine], _SCALE, rising=True)
         height = np.abs(after - before)[mine]
         local = noise[row[mine], left[mine]].astype(np.float64)
         found = Peaks(row[mine], col, sigma, height, height, local, value[mine])

@@ -11,8 +11,9 @@ import numpy.typing as npt
 
 from slkit.codecs._footprint import SAMPLING, STEEPEST, VARIANCE, VARIANCE_DOUBT, around
 from slkit.codecs._gray_code import probability
-from slkit.codecs._masks import Light
+from slkit.codecs._masks import Levels, Light
 from slkit.codecs._peaks import Peaks, agreeing, fill_between, pace, runs_along_rows, sample_row, slope_along_rows
+from slkit.codecs._rows import over_rows
 from slkit.data import Float32s
 
 Mask = npt.NDArray[np.bool_]
@@ -67,13 +68,20 @@ class View:
         inside = cv2.erode(light.mask.astype(np.uint8), np.ones((1, 3), np.uint8), borderValue=0) > 0
         return cls(light, turned, Coarse(coarse.value, coarse.known & inside, coarse.margin), slope)
 
-    def normalized(self, picture: Float32s) -> tuple[Float32s, Float32s]:
+    def normalized(self, picture: Levels) -> tuple[Float32s, Float32s]:
         """Return a camera picture as a share of white - black, 0 where unlit, and its noise, (h, w) each, turned."""
+        from slkit.codecs._peak_kernels import normalize_rows
+
         light, picture = self.light, self.turn(picture)
-        share = np.where(light.mask, (picture - light.low) / light.span, 0)
-        references = np.hypot((1 - share) * light.noise(light.low), share * light.noise(light.high))
-        noise = np.hypot(light.noise(picture), references) / light.span
-        return share.astype(np.float32), noise.astype(np.float32)
+        share, noise = (np.empty(picture.shape, dtype=np.float32) for _ in range(2))
+
+        def work(first: int, last: int) -> None:
+            part = slice(first, last)
+            told = picture[part], light.white[part], light.black[part], light.mask[part]
+            normalize_rows(*told, light.curve.numbers, share[part], noise[part])
+
+        over_rows(work, len(picture))
+        return share, noise
 
     def turn(self, array: npt.NDArray[_T]) -> npt.NDArray[_T]:
         """Return a map (h, w) of the camera picture as this view sees it."""

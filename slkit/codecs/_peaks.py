@@ -5,7 +5,6 @@ Everything here works along picture rows; for lines seen the other way round the
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -13,11 +12,11 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from slkit.codecs._rows import over_rows
 from slkit.data import Float32s
 
 Mask = npt.NDArray[np.bool_]
 Floats = npt.NDArray[np.float64]
-Weights = Callable[[npt.NDArray[Any], float], tuple[Floats, Floats]]
 
 _SCALE_STEP = 1.4
 # A narrower kernel, sampled at whole pixels, would pull centres towards the pixel grid.
@@ -61,7 +60,9 @@ class Peaks:
     def join(parts: list[Peaks]) -> Peaks:
         """Return all peaks of several sets, ordered by row, then column."""
         one = Peaks(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Peaks)))
-        return one.select(np.lexsort((one.col, one.row)))
+        # The parts are in order: a stable sort of one key only merges them.
+        width = np.ceil(one.col.max(initial=0)) + 2
+        return one.select(np.argsort(one.row * width + one.col, kind="stable"))
 
 
 def slope_along_rows(value: Float32s, mask: Mask, jump: float, radius: int) -> Float32s:
@@ -119,7 +120,7 @@ def _peaks_at_scale(picture: Float32s, noise: Float32s, scale: float, where: Mas
     row, left = np.nonzero(falls)
     before, after = slope[row, left].astype(np.float64), slope[row, left + 1].astype(np.float64)
     start = left + before / (before - after)
-    col, sigma = refined(picture, noise, row, start, scale, derivatives)
+    col, sigma = refined(picture, noise, row, start, scale)
     nearest = np.rint(col).astype(np.intp)
     height = sample_row(picture, row, col)
     half = spacing[row, left] / 2
@@ -130,28 +131,27 @@ def _peaks_at_scale(picture: Float32s, noise: Float32s, scale: float, where: Mas
 
 
 def refined(
-    picture: Float32s, noise: Float32s, row: npt.NDArray[np.intp], start: Floats, scale: float, weights: Weights
+    picture: Float32s, noise: Float32s, row: npt.NDArray[np.intp], start: Floats, scale: float, rising: bool = False
 ) -> tuple[Floats, Floats]:
     """Return where a weighted sum of the pixels around `start` (m,) vanishes, and its 1 sigma in px.
 
-    NaN where it does not vanish. noise (h, w): 1 sigma of the picture. weights: `derivatives` for bright lines,
-    `smoothers` for rising edges.
+    NaN where it does not vanish. noise (h, w): 1 sigma of the picture. The weights are `derivatives`, for bright lines,
+    or where `rising` the negative of the smoothed samples, for edges.
     Newton's method with the kernel centred between the pixels: interpolating between sums taken at whole pixels
     instead would pull every centre towards the nearer one, by up to 0.04 px.
     """
-    reach = int(np.ceil(_REACH * scale))
-    at = np.rint(start).astype(np.intp)[:, None] + np.arange(-reach, reach + 1)
-    at = np.clip(at, 0, picture.shape[1] - 1)
-    values, doubts = picture[row[:, None], at], noise[row[:, None], at]
-    col, sigma = start.copy(), np.full(len(start), np.nan)
-    for _ in range(_NEWTON_STEPS):
-        kernel, slope = weights(at - col[:, None], scale)
-        pace = (values * slope).sum(axis=1)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            col = np.where(pace < 0, col - np.clip((values * kernel).sum(axis=1) / pace, -0.5, 0.5), col)
-            sigma = np.where(pace < 0, np.sqrt((kernel**2 * doubts**2).sum(axis=1)) / -pace, np.nan)
-    sigma[np.abs(col - start) > 1] = np.nan
-    return np.clip(col, 0, picture.shape[1] - 1), sigma
+    from slkit.codecs._peak_kernels import refine
+
+    picture, noise = (np.ascontiguousarray(a, dtype=np.float32) for a in (picture, noise))
+    col, sigma = np.empty(len(row)), np.empty(len(row))
+    told = scale, int(np.ceil(_REACH * scale)), rising, _NEWTON_STEPS
+
+    def work(first: int, last: int) -> None:
+        part = slice(first, last)
+        refine(picture, noise, row[part], start[part], *told, col[part], sigma[part])
+
+    over_rows(work, len(row))
+    return col, sigma
 
 
 def derivatives(offset: npt.NDArray[Any], scale: float) -> tuple[Floats, Floats]:
@@ -163,12 +163,6 @@ def derivatives(offset: npt.NDArray[Any], scale: float) -> tuple[Floats, Floats]
     square = (offset / scale) ** 2
     bell = np.exp(-square / 2)
     return offset * bell, (square - 1) * bell
-
-
-def smoothers(offset: npt.NDArray[Any], scale: float) -> tuple[Floats, Floats]:
-    """Return weights as `derivatives` does, of the negative of the smoothed samples: it falls where they rise."""
-    bell = np.exp(-((offset / scale) ** 2) / 2)
-    return -bell, -offset / scale**2 * bell
 
 
 def sample_row(picture: Float32s, row: npt.NDArray[np.intp], col: Floats) -> Floats:

@@ -19,8 +19,8 @@ def over_rows(work: Callable[[int, int], None], height: int, multiple: int = 1) 
     pieces = -(-height // multiple)
     cuts = np.minimum(np.linspace(0, pieces, min(threads, pieces) + 1).astype(int) * multiple, height).tolist()
     parts = list(zip(cuts[:-1], cuts[1:], strict=True))
-    if len(parts) == 1:
-        work(*parts[0])
+    if len(parts) <= 1:
+        work(0, height)
         return
     with ThreadPoolExecutor(len(parts)) as pool:
         list(pool.map(work, *zip(*parts, strict=True)))

@@ -28,14 +28,14 @@ from slkit.codecs._gray_code import (
     read_cells,
 )
 from slkit.codecs._line_view import AxisPeaks, Coarse, View
-from slkit.codecs._masks import Light, Reader, collect, colors_at, measure_light
+from slkit.codecs._masks import Levels, Light, Reader, collect, colors_at, measure_light
 from slkit.codecs._peaks import Peaks, find_peaks
 from slkit.data import Correspondences, Float32s, Frames, Image
 from slkit.errors import InputError
 from slkit.geometry import as_size
 from slkit.protocols import Bounds
 
-Read = Callable[[str], Float32s]
+Read = Callable[[str], Levels]
 Floats = npt.NDArray[np.floating[Any]]
 
 
@@ -103,8 +103,8 @@ class LineShift:
         white, black = reader.color(0), reader.color(1)
         light = measure_light(white, black, self.min_snr)
 
-        def read(name: str) -> Float32s:
-            return reader.grey(names.index(name))
+        def read(name: str) -> Levels:
+            return reader.levels(names.index(name))
 
         if self.peaks == "temporal":
             return self._decode_pixels(read, light, white, bounds)

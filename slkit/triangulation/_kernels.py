@@ -18,6 +18,8 @@ from numba import njit
 
 Singles = npt.NDArray[np.float32]
 Doubles = npt.NDArray[np.float64]
+_Three = tuple[float, float, float]
+_Best = tuple[float, float, float, int]
 
 _compiled = njit(cache=True, nogil=True, error_model="numpy")  # a division by zero is data, not an error
 
@@ -98,15 +100,25 @@ def _seen(x: float, y: float, w: float, pose: Doubles, lens: Doubles, jacobian: 
 
 @_compiled
 def _newton(
-    x: float, y: float, w: float, axis: int, target: float, pose: Doubles, lens: Doubles, jacobian: Doubles
-) -> tuple[float, float, float]:
-    """Return the w near a start where the ray meets one projector coordinate, its slope, and the other coordinate."""
+    ax: float, ay: float, az: float, w: float, axis: int, target: float, pose: Doubles, lens: Doubles
+) -> _Three:
+    """Return the w near a start where the ray meets one projector coordinate, its slope, and the other coordinate.
+
+    (ax, ay, az): the ray's direction (x, y, 1), turned into the projector's frame.
+    """
+    tx, ty, tz = pose[9], pose[10], pose[11]
     other, slope, error = math.nan, math.nan, math.inf
     for _ in range(_STEPS):
-        u, v = _seen(x, y, w, pose, lens, jacobian)
-        error = (u if axis == 0 else v) - target
-        other = v if axis == 0 else u
-        slope = jacobian[axis, 2]
+        qz = az + w * tz
+        if not qz > 0.0:
+            return math.nan, math.nan, math.nan
+        nx, ny = (ax + w * tx) / qz, (ay + w * ty) / qz
+        u, v, ux, uy, vx, vy = _pixel(nx, ny, lens)
+        if not (ux * vy - uy * vx > 0.0 and vy > 0.0):
+            return math.nan, math.nan, math.nan
+        dnx, dny = (tx - nx * tz) / qz, (ty - ny * tz) / qz
+        error, other = (u - target, v) if axis == 0 else (v - target, u)
+        slope = ux * dnx + uy * dny if axis == 0 else vx * dnx + vy * dny
         if slope == 0.0 or not math.isfinite(error):
             return math.nan, math.nan, math.nan
         if abs(error) < _EXACT_PX:
@@ -121,43 +133,38 @@ def _newton(
 
 
 @_compiled
-def _inverse_depth(
-    x: float, y: float, axis: int, target: float, pose: Doubles, lens: Doubles, jacobian: Doubles
-) -> tuple[float, float, float]:
+def _inverse_depth(x: float, y: float, axis: int, target: float, pose: Doubles, lens: Doubles) -> _Three:
     """Return w where the ray through (x, y) meets one projector coordinate, its slope d target / dw, and the other."""
     kx = lens[0] if axis == 0 else 0.0
     ky = lens[1] if axis == 0 else lens[3]
     kz = (lens[2] if axis == 0 else lens[4]) - target
-    here = (
-        kx * (pose[0] * x + pose[1] * y + pose[2])
-        + ky * (pose[3] * x + pose[4] * y + pose[5])
-        + kz * (pose[6] * x + pose[7] * y + pose[8])
-    )
+    ax = pose[0] * x + pose[1] * y + pose[2]
+    ay = pose[3] * x + pose[4] * y + pose[5]
+    az = pose[6] * x + pose[7] * y + pose[8]
+    here = kx * ax + ky * ay + kz * az
     along = kx * pose[9] + ky * pose[10] + kz * pose[11]
     if along != 0.0:
-        w, slope, other = _newton(x, y, -here / along, axis, target, pose, lens, jacobian)
+        w, slope, other = _newton(ax, ay, az, -here / along, axis, target, pose, lens)
         if math.isfinite(w):
             return w, slope, other
     # Where distortion moves the sheet more than depth does, its plane misleads: try depths by the baseline's length.
     baseline = math.sqrt(pose[9] ** 2 + pose[10] ** 2 + pose[11] ** 2)
     for length in (2.0, 4.0, 8.0, 1.0, 16.0):
-        w, slope, other = _newton(x, y, 1.0 / (length * baseline), axis, target, pose, lens, jacobian)
+        w, slope, other = _newton(ax, ay, az, 1.0 / (length * baseline), axis, target, pose, lens)
         if math.isfinite(w):
             return w, slope, other
     return math.nan, math.nan, math.nan
 
 
 @_compiled
-def _best_axis(
-    x: float, y: float, px: Doubles, sigma: Doubles, pose: Doubles, lens: Doubles, jacobian: Doubles
-) -> tuple[float, float, float, int]:
+def _best_axis(x: float, y: float, px: Doubles, sigma: Doubles, pose: Doubles, lens: Doubles) -> _Best:
     """Return w, the mm of depth uncertainty along the ray, the other axis' error, and the better coded axis."""
     best_w, best_sigma, best_error, best_cost, best = math.nan, math.nan, math.nan, math.inf, 0
     known = math.isfinite(sigma[0]) and math.isfinite(sigma[1])
     for axis in range(2):
         if not math.isfinite(px[axis]):
             continue
-        w, slope, other = _inverse_depth(x, y, axis, px[axis], pose, lens, jacobian)
+        w, slope, other = _inverse_depth(x, y, axis, px[axis], pose, lens)
         per_px = math.sqrt(x * x + y * y + 1.0) / (abs(slope) * w * w)
         cost = per_px * max(sigma[axis], _SMALLEST_SIGMA_PX) if known else per_px
         if cost < best_cost:
@@ -251,8 +258,11 @@ def ray_plane_rows(
         px[0], px[1] = projector_xy[i, 0], projector_xy[i, 1]
         deviation[0], deviation[1] = sigma[i, 0], sigma[i, 1]
         x, y = _normalize(float(camera_xy[i, 0]), float(camera_xy[i, 1]), camera)
-        w, sigma_mm[i], residual_px[i], axis = _best_axis(x, y, px, deviation, pose, projector, jacobian)
+        w, sigma_mm[i], residual_px[i], axis = _best_axis(x, y, px, deviation, pose, projector)
         xyz[i, 0], xyz[i, 1], xyz[i, 2] = x / w, y / w, 1.0 / w
+        if covariance.shape[0] == 0:
+            sigma_cal_mm[i] = math.nan
+            continue
         theta[0], theta[1], theta[2] = x, y, w
         _along_the_ray(theta, axis, camera, projector, pose, jacobian, along)
         sigma_cal_mm[i] = _calibration_sigma(theta, along, camera, projector, pose, covariance, slopes)
@@ -381,7 +391,7 @@ def two_rays_rows(
         if not (math.isfinite(seen[2]) and math.isfinite(seen[3])):
             continue
         theta[0], theta[1] = _normalize(seen[0], seen[1], camera)
-        theta[2] = _best_axis(theta[0], theta[1], seen[2:], deviation, pose, projector, jacobian)[0]
+        theta[2] = _best_axis(theta[0], theta[1], seen[2:], deviation, pose, projector)[0]
         known = _weights(deviation, projector, camera, weight)
         square = _refine(theta, seen, weight, camera, projector, pose, jacobian, m, r, step)
         if not math.isfinite(square):
