@@ -22,19 +22,21 @@ def ply(cloud: PointCloud) -> bytes:
     """
     from plyfile import PlyData, PlyElement
 
-    cloud = cloud.select(cloud.finite)
+    there = cloud.finite
+    cloud = cloud if there.all() else cloud.select(there)
     columns: dict[str, npt.NDArray[Any]] = dict(zip("xyz", cloud.xyz.T, strict=True))
     if cloud.normals is not None:
         columns |= dict(zip(("nx", "ny", "nz"), cloud.normals.T, strict=True))
     columns |= dict(zip(("red", "green", "blue"), _bytes(cloud.color).T, strict=True))
     columns |= {n: getattr(cloud, n) for n in ("sigma_mm", "sigma_cal_mm", "residual_px")}
-    rows = np.empty(len(cloud), dtype=[(name, values.dtype) for name, values in columns.items()])
+    kinds = [(name, values.dtype.newbyteorder("<")) for name, values in columns.items()]
+    rows = np.empty(len(cloud), dtype=kinds)
     for name, values in columns.items():
         rows[name] = values
     comments = ["units millimetres", "frame camera: x right, y down, z forward"]
-    file = io.BytesIO()
-    PlyData([PlyElement.describe(rows, "vertex")], text=False, byte_order="<", comments=comments).write(file)
-    return file.getvalue()
+    header = PlyData([PlyElement.describe(rows, "vertex")], text=False, byte_order="<", comments=comments).header
+    # The rows as they lie in memory: a large cloud is copied once.
+    return b"".join((f"{header}\n".encode("ascii"), rows.view(np.uint8).data))
 
 
 def xyz(cloud: PointCloud) -> bytes:

@@ -14,6 +14,7 @@ import numpy.typing as npt
 Singles = npt.NDArray[np.float32]
 Wholes = npt.NDArray[np.int32]
 Longs = npt.NDArray[np.int64]
+Bytes = npt.NDArray[np.uint8]
 Mask = npt.NDArray[np.bool_]
 
 NEIGHBORS = 10
@@ -23,7 +24,7 @@ _compiled = numba.njit(cache=True, nogil=True, error_model="numpy")
 
 
 @_compiled
-def cells_of(xyz: Singles, origin: Singles, size: float, columns: int, out: Longs) -> None:
+def cells_of(xyz: Singles, origin: Singles, size: float, columns: int, out: Wholes) -> None:
     """Write the cell of each point (n,), row by row; origin (2,): the corner of the first; size: side of a cell."""
     for i in range(len(xyz)):
         col = int((xyz[i, 0] / xyz[i, 2] - origin[0]) / size)
@@ -65,7 +66,7 @@ def _ring(
 @_compiled
 def _nearest(
     xyz: Singles,
-    cell: Longs,
+    cell: Wholes,
     starts: Longs,
     columns: int,
     step: float,
@@ -92,28 +93,30 @@ def _nearest(
 @_compiled
 def reaches(
     xyz: Singles,
-    cell: Longs,
+    cell: Wholes,
     starts: Longs,
     columns: int,
     step: float,
     cap: float,
-    some: Longs,
+    first: int,
+    every: int,
     reach: Singles,
-    rings: Wholes,
+    rings: Bytes,
 ) -> None:
-    """Write the distance (k,) to the tenth neighbour of some points (k,), and how many rings of cells hold all ten.
+    """Write the distance (k,) to the tenth neighbour, and how many rings of cells hold all ten, at most 255.
 
-    xyz (n, 3), sorted by cell (n,); starts (cells + 1,): where each begins; step: the side of a cell over the length
-    of the longest direction; cap: what is farther away than so many radians may be called infinitely far.
+    Of the points first, first + every ... of xyz (n, 3), which is sorted by cell (n,); starts (cells + 1,): where each
+    cell begins; step: its side over the length of the longest direction; cap: what is farther away than so many radians
+    may be called infinitely far.
     """
     square, who = np.empty(NEIGHBORS, dtype=np.float32), np.empty(NEIGHBORS, dtype=np.int32)
-    for k in range(len(some)):
-        rings[k] = _nearest(xyz, cell, starts, columns, step, cap, some[k], square, who)
+    for k in range(len(reach)):
+        rings[k] = min(_nearest(xyz, cell, starts, columns, step, cap, first + k * every, square, who), 255)
         reach[k] = np.sqrt(square[NEIGHBORS - 1])
 
 
 @_compiled
-def least_of(cell: Longs, reach: Singles, out: Singles) -> None:
+def least_of(cell: Wholes, reach: Singles, out: Singles) -> None:
     """Write the smallest reach of each cell (c,), which is infinite where it is empty."""
     out[:] = np.inf
     for i in range(len(cell)):
@@ -123,13 +126,13 @@ def least_of(cell: Longs, reach: Singles, out: Singles) -> None:
 @_compiled
 def among_equals(
     xyz: Singles,
-    cell: Longs,
+    cell: Wholes,
     starts: Longs,
     columns: int,
     step: float,
     cap: float,
     reach: Singles,
-    rings: Wholes,
+    rings: Bytes,
     least: Singles,
     factor: float,
     first: int,
@@ -145,11 +148,11 @@ def among_equals(
     theirs = np.empty(NEIGHBORS, dtype=np.float32)
     for i in range(first, last):
         row, col = divmod(cell[i], columns)
-        lowest, ring = np.float32(np.inf), rings[i]
+        lowest, ring = np.float32(np.inf), int(rings[i])
         for r in range(max(row - ring, 0), min(row + ring + 1, rows)):
             for c in range(max(col - ring, 0), min(col + ring + 1, columns)):
                 lowest = min(lowest, least[r * columns + c])
-        if reach[i] <= factor * lowest:
+        if ring < 255 and reach[i] <= factor * lowest:
             keep[i] = True
             continue
         _nearest(xyz, cell, starts, columns, step, cap, i, square, who)

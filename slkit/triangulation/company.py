@@ -11,6 +11,7 @@ from slkit.triangulation._run import in_parts
 
 Singles = npt.NDArray[np.float32]
 Longs = npt.NDArray[np.int64]
+Wholes = npt.NDArray[np.int32]
 Mask = npt.NDArray[np.bool_]
 
 # So many points share a cell on average, and so many points tell how far apart neighbours are.
@@ -34,17 +35,17 @@ def in_company(xyz: Singles, isolated_factor: float, remote_factor: float) -> Ma
     order, grid = _sorted(xyz)
     told = grid.xyz, grid.cell, grid.starts, grid.columns, grid.step
     length = np.linalg.norm(grid.xyz, axis=1)
-    sample = np.arange(0, count, -(-count // _SAMPLE))
-    some = np.empty(len(sample), np.float32)
-    reaches(*told, np.inf, sample, some, np.empty(len(sample), np.int32))
+    every = -(-count // _SAMPLE)
+    some = np.empty(len(length[::every]), np.float32)
+    reaches(*told, np.inf, 0, every, some, np.empty(len(some), np.uint8))
     # Beyond this a point is remote whatever its neighbours are.
-    cap = _ROOM * remote_factor * float(np.median(some / length[sample]))
-    reach, rings = np.empty(count, np.float32), np.empty(count, np.int32)
-    every, least = np.arange(count), np.empty(len(grid.starts) - 1, np.float32)
+    cap = _ROOM * remote_factor * float(np.median(some / length[::every]))
+    reach, rings = np.empty(count, np.float32), np.empty(count, np.uint8)
+    least = np.empty(len(grid.starts) - 1, np.float32)
     keep, result = np.empty(count, dtype=np.bool_), np.empty(count, dtype=np.bool_)
 
     def measure(a: int, b: int) -> None:
-        reaches(*told, cap, every[a:b], reach[a:b], rings[a:b])
+        reaches(*told, cap, a, 1, reach[a:b], rings[a:b])
 
     def judge(a: int, b: int) -> None:
         among_equals(*told, cap, reach, rings, least, isolated_factor, a, b, keep)
@@ -62,7 +63,7 @@ class _Grid:
     """Points (n, 3) sorted by cell (n,); starts (cells + 1,): where each cell begins; step: see `reaches`."""
 
     xyz: Singles
-    cell: Longs
+    cell: Wholes
     starts: Longs
     columns: int
     step: float
@@ -79,7 +80,7 @@ def _sorted(xyz: Singles) -> tuple[Longs, _Grid]:
     # A cloud along a line would have a grid of very many cells.
     size = max(size, float(extent.max()) / len(xyz))
     columns, rows = (int(e / size) + 2 for e in extent)
-    cell = np.empty(len(xyz), np.int64)
+    cell = np.empty(len(xyz), np.int32)
     cells_of(xyz, low, size, columns, cell)
     order = np.argsort(cell, kind="stable")
     cell = cell[order]
