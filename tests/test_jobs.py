@@ -376,3 +376,14 @@ def test_no_cluster(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setitem(__import__("sys").modules, "distributed", None)
     with pytest.raises(SlkitError, match=r"pip install 'slkit\[dask\]'"), jobs.cluster("tcp://localhost:1"):
         pass
+
+
+def test_an_output_folder_is_no_capture_and_lies_in_none(tiny_captures: Captures, recipe: jobs.Recipe, tmp_path: Path):
+    tiny_captures(tmp_path, "a", "b")
+    pattern, inside = str(tmp_path / "*"), str(tmp_path / "clouds")
+    pool = jobs.Pool(lambda: ThreadPoolExecutor(1), ahead=2)
+    first = jobs.scan_all(pattern, recipe, inside, pool)
+    again = jobs.scan_all(pattern, recipe, inside, pool, resume=True)
+    assert first.captures == first.scanned == again.captures == again.unchanged == 2 and not again.failures
+    with pytest.raises(InputError, match="lies inside the capture"):
+        jobs.scan_all(pattern, recipe, str(tmp_path / "a" / "clouds"), pool)

@@ -20,8 +20,8 @@ from slkit.errors import DecodeError, InputError
 
 _LEAST_NEIGHBOURS = 6
 _SENSOR_BITS = (10, 12, 14)
-# Noise is measured in bands of so many rows, of so many pixels in all.
-_SAMPLE_PX, _BAND_ROWS, _FEWEST_BANDS = 60_000, 8, 8
+# Noise is measured in tiles, rows and columns of each in px: so many pixels, or one in so many where that is more.
+_TILE, _SAMPLE_PX, _SAMPLE_SHARE = (8, 32), 60_000, 5
 
 Levels = npt.NDArray[Any]
 """Grey levels (h, w): uint8, uint16 or float32."""
@@ -120,24 +120,46 @@ def measure_light(white: Image, black: Image, min_snr: float) -> Light:
 
 
 def sampled(picture: Levels, usable: npt.NDArray[np.bool_]) -> Evidence:
-    """Return bands of rows of a picture (h, w), evenly spread, that show its noise as well as all of it."""
-    rows, inner = sample_rows(picture.shape)
-    level = picture[rows].astype(np.float32)
-    return Evidence(level, level, usable[rows] & inner)
+    """Return tiles of a picture (h, w), evenly spread, that show its noise as well as all of it."""
+    tiles = Tiles.of(picture.shape)
+    level = tiles.cut(picture).astype(np.float32)
+    return Evidence(level, level, tiles.cut(usable) & tiles.inner)
 
 
-def sample_rows(shape: tuple[int, ...]) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.bool_]]:
-    """Return rows (r,) in bands that are spread evenly over a picture (h, w), and which are inside a band (r, 1).
+@dataclass(frozen=True, eq=False)
+class Tiles:
+    """Small parts of a picture, laid one below the other: rows, cols (r, c) of their pixels; inner (r, 1): see `of`."""
 
-    What lies across the joint of two bands is no neighbour. All rows of a small picture.
-    """
-    height, width = shape
-    bands = max(_SAMPLE_PX // (_BAND_ROWS * width), _FEWEST_BANDS)
-    if bands * _BAND_ROWS >= height:
-        return np.arange(height), np.ones((height, 1), dtype=np.bool_)
-    starts = np.linspace(0, height - _BAND_ROWS, bands).astype(np.intp)
-    inner = np.tile([False, *[True] * (_BAND_ROWS - 2), False], bands)
-    return (starts[:, None] + np.arange(_BAND_ROWS)).ravel(), inner[:, None]
+    rows: npt.NDArray[np.intp]
+    cols: npt.NDArray[np.intp]
+    inner: npt.NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, shape: tuple[int, ...]) -> Tiles:
+        """Return tiles spread over a picture (h, w), or all of a small one.
+
+        inner: rows whose neighbours above and below are theirs in the picture, too.
+        """
+        height, width = shape
+        high, wide = _TILE
+        count = np.sqrt(max(_SAMPLE_PX, height * width // _SAMPLE_SHARE) / (high * wide))
+        down, across = (int(np.ceil(count * r)) for r in (np.sqrt(height / width), np.sqrt(width / height)))
+        if down * high >= height or across * wide >= width:
+            rows, cols = np.indices(shape)
+            return cls(rows, cols, np.ones((height, 1), dtype=np.bool_))
+        top, left = (
+            np.linspace(0, height - high, down).astype(np.intp),
+            np.linspace(0, width - wide, across).astype(np.intp),
+        )
+        first_row, first_col = np.repeat(top, across), np.tile(left, down)
+        rows = (first_row[:, None] + np.arange(high)).reshape(-1, 1)
+        cols = np.repeat(first_col, high)[:, None] + np.arange(wide)
+        inner = np.tile([False, *[True] * (high - 2), False], down * across)
+        return cls(rows, cols, inner[:, None])
+
+    def cut(self, picture: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """Return the pixels of the tiles (r, c)."""
+        return picture[self.rows, self.cols]
 
 
 def without_rim(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:

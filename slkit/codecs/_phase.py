@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from slkit.codecs._gray_code import Mask
-from slkit.codecs._masks import Levels, Reader, levels, sample_rows, saturation
+from slkit.codecs._masks import Levels, Reader, Tiles, levels, saturation
 from slkit.codecs._noise import Evidence, noise_curve
 from slkit.codecs._rows import over_rows
 from slkit.data import Float32s, Image
@@ -99,14 +99,13 @@ def as_image(levels: Float32s, like: Image) -> Image:
 
 def noise_of_pair(one: Wave, other: Wave) -> Noise:
     """Return the noise that two sets of one scene show: their means differ by noise alone, whatever the texture."""
-    usable = ~(one.saturated | other.saturated)
-    rows, inner = sample_rows(usable.shape)
-    level, share = one.level[rows], 1 / one.steps + 1 / other.steps
-    return noise_curve([Evidence(level - other.level[rows], level, usable[rows] & inner, share)]).at
+    tiles, share = Tiles.of(one.level.shape), 1 / one.steps + 1 / other.steps
+    level, usable = tiles.cut(one.level), ~tiles.cut(one.saturated | other.saturated) & tiles.inner
+    return noise_curve([Evidence(level - tiles.cut(other.level), level, usable, share)]).at
 
 
 def noise_of_one(wave: Wave) -> Noise:
     """Return the noise that the mean of one set shows; texture counts as noise here."""
-    rows, inner = sample_rows(wave.level.shape)
-    level = wave.level[rows]
-    return noise_curve([Evidence(level, level, ~wave.saturated[rows] & inner, 1 / wave.steps)]).at
+    tiles = Tiles.of(wave.level.shape)
+    level = tiles.cut(wave.level)
+    return noise_curve([Evidence(level, level, ~tiles.cut(wave.saturated) & tiles.inner, 1 / wave.steps)]).at

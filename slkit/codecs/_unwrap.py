@@ -137,11 +137,12 @@ def holds_axis(pitch: float, extent: int) -> bool:
 
 
 def _unforeseen(distance: Float32s, coarse: Place, rung: Rung) -> float:
-    """Return the variance in periods squared that distances (h, w) show beyond what noise predicts, from some rows."""
-    rows = slice(None, None, -(-distance.size // _SAMPLE_PX))
-    mask = coarse.mask[rows]
-    if not mask.any():
+    """Return the variance in periods squared that distances (h, w) show beyond that of noise, from some pixels."""
+    at = np.flatnonzero(coarse.mask)
+    if not len(at):
         return 0.0
-    predicted = (coarse.sigma[rows][mask] / np.float32(rung.pitch)) ** 2 + rung.sigma[rows][mask] ** 2
-    seen = (1.4826 * float(np.median(np.abs(distance[rows][mask])))) ** 2
+    at = at[:: -(-len(at) // _SAMPLE_PX)]
+    away, coarsely, finely = (a.ravel()[at] for a in (distance, coarse.sigma, rung.sigma))
+    predicted = (coarsely / np.float32(rung.pitch)) ** 2 + finely**2
+    seen = (1.4826 * float(np.median(np.abs(away)))) ** 2
     return max(seen - float(np.median(predicted)), 0.0)

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
+from slkit.errors import InputError
 from slkit.files import Progress
 from slkit.jobs._captures import find_captures
 from slkit.jobs._manifest import Manifest, Record
@@ -60,11 +61,24 @@ def scan_all(
     check_depth(recipe.depth)
     found = find_captures([captures] if isinstance(captures, str) else captures)
     target = Place.at(folder)
+    found = _apart(found, target)
     if pool is None:
         with local_pool() as own, Manifest(target, resume) as manifest:
             return _scan_all(found, recipe, target, own, manifest, progress)
     with Manifest(target, resume) as manifest:
         return _scan_all(found, recipe, target, pool, manifest, progress)
+
+
+def _apart(found: Mapping[str, Place], target: Place) -> dict[str, Place]:
+    """Return the captures without the output folder, which a pattern may match once it is there.
+
+    Errors: InputError where the output folder lies inside a capture, which clouds would change.
+    """
+    out = target.url.rstrip("/") + "/"
+    for place in found.values():
+        if place.url != target.url and out.startswith(place.url.rstrip("/") + "/"):
+            raise InputError(f"{target.url} lies inside the capture {place.url}: choose an output folder outside of it")
+    return {name: place for name, place in found.items() if not f"{place.url}/".startswith(out)}
 
 
 def _scan_all(

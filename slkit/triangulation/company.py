@@ -32,6 +32,11 @@ def in_company(xyz: Singles, isolated_factor: float, remote_factor: float) -> Ma
     count = len(xyz)
     if count <= NEIGHBORS:
         return np.ones(count, dtype=np.bool_)
+    ahead = xyz[:, 2] > 0
+    if not ahead.all():
+        # Nothing there was seen by a camera that looks along z.
+        ahead[ahead] = in_company(xyz[ahead], isolated_factor, remote_factor)
+        return ahead
     order, grid = _sorted(xyz)
     told = grid.xyz, grid.cell, grid.starts, grid.columns, grid.step
     length = np.linalg.norm(grid.xyz, axis=1)

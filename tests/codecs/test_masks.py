@@ -101,3 +101,16 @@ def test_colours_are_shares_of_the_brightest_level() -> None:
     value = np.full((3, 4, 2), 8, np.float32)
     found = collect(mask, {i: (value[..., i], value[..., i]) for i in (0, 1)}, value[..., 0] / 8, lit)
     assert found.camera_xy.tolist() == [[2, 1]] and found.color.shape == (1, 3)
+
+
+def test_noise_is_measured_wherever_an_object_lies() -> None:
+    """A bright object of a tenth of a large picture, in which noise grows with light: 6.2 levels at 200."""
+    rng = np.random.default_rng(0)
+    for top in (40, 400, 777):
+        white = np.full((1500, 2000), 20.0)
+        white[top : top + 150, 300:1300] = np.linspace(60, 220, 1000)
+        noisy = white + rng.normal(0, 1, white.shape) * np.sqrt(1 + 0.19 * np.maximum(white - 20, 0))
+        black = 20 + rng.normal(0, 1, white.shape)
+        pictures = [np.clip(np.rint(p), 0, 255).astype(np.uint8) for p in (noisy, black)]
+        light = measure_light(*pictures, 5.0)
+        assert float(light.noise(np.array([200], np.float32))[0]) == pytest.approx(np.sqrt(1 + 0.19 * 180), rel=0.12)

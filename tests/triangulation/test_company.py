@@ -47,3 +47,9 @@ def test_a_line_of_points_and_equal_points_are_no_trouble() -> None:
 @pytest.mark.parametrize("count", [0, 1, 10])
 def test_few_points_all_have_company(count: int) -> None:
     assert in_company(np.ones((count, 3), np.float32), 4, 10).all()
+
+
+def test_what_is_not_before_the_camera_has_no_company() -> None:
+    xyz = surface(np.random.default_rng(0), 20, 0)
+    behind = np.array([[1, 0, 0], [5, 5, -800]], np.float32)
+    assert in_company(np.concatenate([behind, xyz]), 4, 10).tolist() == [False, False, *in_company(xyz, 4, 10).tolist()]
