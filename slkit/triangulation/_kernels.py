@@ -1,11 +1,14 @@
-"""The compiled loops of triangulation. Importing this module imports numba: do it inside functions only.
+"""The compiled loops of ray-plane triangulation, and what that of two rays shares with them.
+
+Importing this module imports numba: do it inside functions only.
 
 A viewing ray is held as undistorted normalised coordinates x, y and inverse depth w = 1 / z: along it the projector's
 picture is a ratio of two linear functions of w, so that Newton's method is well behaved from the nearest point to
 infinity. The derivatives are analytic. A lens is (fx, skew, cx, fy, cy, k1, k2, p1, p2, k3, width, height), a pose the
 nine numbers of the rotation, row by row, and the translation.
 
-All that is compiled stays in this one file: numba's cache does not see a change in the file of a function it calls.
+Numba's cache does not see a change in the file of a function that is called: after one here delete the __pycache__
+folder beside it, or two_rays goes on with the old code.
 """
 
 from __future__ import annotations
@@ -21,7 +24,7 @@ Doubles = npt.NDArray[np.float64]
 _Three = tuple[float, float, float]
 _Best = tuple[float, float, float, int]
 
-_compiled = njit(cache=True, nogil=True, error_model="numpy")  # a division by zero is data, not an error
+compiled = njit(cache=True, nogil=True, error_model="numpy")  # a division by zero is data, not an error
 
 _STEPS = 30
 _EXACT_PX = 1e-9  # Newton stops here; a double holds a thousand pixels to 1e-13
@@ -30,7 +33,7 @@ _MARGIN = 0.1  # of the projector image: room for a rig that is not perfect
 _SMALLEST_SIGMA_PX = 1e-3  # a float32 pixel coordinate is not better
 
 
-@_compiled
+@compiled
 def _distort(x: float, y: float, lens: Doubles) -> tuple[float, float, float, float, float]:
     """Return the distorted point and the three entries of the symmetric Jacobian."""
     k1, k2, p1, p2, k3 = lens[5], lens[6], lens[7], lens[8], lens[9]
@@ -45,7 +48,7 @@ def _distort(x: float, y: float, lens: Doubles) -> tuple[float, float, float, fl
     return dx, dy, a, b, c
 
 
-@_compiled
+@compiled
 def _normalize(u: float, v: float, lens: Doubles) -> tuple[float, float]:
     """Return the undistorted normalised point of a pixel, NaN where the lens model has no inverse."""
     target_y = (v - lens[4]) / lens[3]
@@ -66,7 +69,7 @@ def _normalize(u: float, v: float, lens: Doubles) -> tuple[float, float]:
     return math.nan, math.nan
 
 
-@_compiled
+@compiled
 def _pixel(x: float, y: float, lens: Doubles) -> tuple[float, float, float, float, float, float]:
     """Return the pixel u, v of an undistorted normalised point and du/dx, du/dy, dv/dx, dv/dy."""
     dx, dy, a, b, c = _distort(x, y, lens)
@@ -75,7 +78,7 @@ def _pixel(x: float, y: float, lens: Doubles) -> tuple[float, float, float, floa
     return u, v, lens[0] * a + lens[1] * b, lens[0] * b + lens[1] * c, lens[3] * b, lens[3] * c
 
 
-@_compiled
+@compiled
 def _seen(x: float, y: float, w: float, pose: Doubles, lens: Doubles, jacobian: Doubles) -> tuple[float, float]:
     """Return the projector pixel of (x, y, 1) / w and write d(u, v) / d(x, y, w) to jacobian (2, 3)."""
     qx = pose[0] * x + pose[1] * y + pose[2] + w * pose[9]
@@ -98,7 +101,7 @@ def _seen(x: float, y: float, w: float, pose: Doubles, lens: Doubles, jacobian: 
     return u, v
 
 
-@_compiled
+@compiled
 def _newton(
     ax: float, ay: float, az: float, w: float, axis: int, target: float, pose: Doubles, lens: Doubles
 ) -> _Three:
@@ -132,7 +135,7 @@ def _newton(
     return w, slope, other
 
 
-@_compiled
+@compiled
 def _inverse_depth(x: float, y: float, axis: int, target: float, pose: Doubles, lens: Doubles) -> _Three:
     """Return w where the ray through (x, y) meets one projector coordinate, its slope d target / dw, and the other."""
     kx = lens[0] if axis == 0 else 0.0
@@ -156,7 +159,7 @@ def _inverse_depth(x: float, y: float, axis: int, target: float, pose: Doubles, 
     return math.nan, math.nan, math.nan
 
 
-@_compiled
+@compiled
 def _best_axis(x: float, y: float, px: Doubles, sigma: Doubles, pose: Doubles, lens: Doubles) -> _Best:
     """Return w, the mm of depth uncertainty along the ray, the other axis' error, and the better coded axis."""
     best_w, best_sigma, best_error, best_cost, best = math.nan, math.nan, math.nan, math.inf, 0
@@ -174,7 +177,7 @@ def _best_axis(x: float, y: float, px: Doubles, sigma: Doubles, pose: Doubles, l
     return best_w, best_sigma, best_error, best
 
 
-@_compiled
+@compiled
 def _over_lens(x: float, y: float, lens: Doubles, along: Doubles, gradient: Doubles) -> None:
     """Write along . d(u, v) / d lens (10,) to gradient, in the order of geometry.LENS_NAMES."""
     dx, dy, _, _, _ = _distort(x, y, lens)
@@ -188,7 +191,7 @@ def _over_lens(x: float, y: float, lens: Doubles, along: Doubles, gradient: Doub
     gradient[8] = over_dx * (r2 + 2.0 * x * x) + over_dy * 2.0 * x * y
 
 
-@_compiled
+@compiled
 def _calibration_sigma(
     theta: Doubles, along: Doubles, camera: Doubles, lens: Doubles, pose: Doubles, covariance: Doubles, slopes: Doubles
 ) -> float:
@@ -220,7 +223,7 @@ def _calibration_sigma(
     return 0.0 if total < 0.0 else math.sqrt(total)
 
 
-@_compiled
+@compiled
 def _along_the_ray(
     theta: Doubles, axis: int, camera: Doubles, lens: Doubles, pose: Doubles, jacobian: Doubles, out: Doubles
 ) -> None:
@@ -237,7 +240,7 @@ def _along_the_ray(
     out[0], out[1] = (a * vy - b * vx) / determinant, (b * ux - a * uy) / determinant
 
 
-@_compiled
+@compiled
 def ray_plane_rows(
     camera_xy: Singles,
     projector_xy: Singles,
@@ -265,146 +268,4 @@ def ray_plane_rows(
             continue
         theta[0], theta[1], theta[2] = x, y, w
         _along_the_ray(theta, axis, camera, projector, pose, jacobian, along)
-        sigma_cal_mm[i] = _calibration_sigma(theta, along, camera, projector, pose, covariance, slopes)
-
-
-@_compiled
-def _solve3(m: Doubles, r: Doubles, out: Doubles) -> bool:
-    """Write m^-1 r for a symmetric positive m (3, 3) to out by Cholesky's method; tell whether m was positive."""
-    a = math.sqrt(m[0, 0]) if m[0, 0] > 0.0 else 0.0
-    if a == 0.0:
-        return False
-    b, d = m[1, 0] / a, m[2, 0] / a
-    c = m[1, 1] - b * b
-    if not c > 0.0:
-        return False
-    c = math.sqrt(c)
-    e = (m[2, 1] - b * d) / c
-    f = m[2, 2] - d * d - e * e
-    if not f > 0.0:
-        return False
-    y0 = r[0] / a
-    y1 = (r[1] - b * y0) / c
-    y2 = (r[2] - d * y0 - e * y1) / f
-    out[2] = y2
-    out[1] = (y1 - e * y2) / c
-    out[0] = (y0 - b * out[1] - d * y2) / a
-    return True
-
-
-@_compiled
-def _weights(sigma: Doubles, lens: Doubles, camera: Doubles, weight: Doubles) -> bool:
-    """Share each variance between camera and projector and write 1 / variance of u, v, x, y; False if unknown."""
-    known = math.isfinite(sigma[0]) and math.isfinite(sigma[1])
-    sx = max(sigma[0], _SMALLEST_SIGMA_PX) / lens[0] if known else 1.0 / lens[0]
-    sy = max(sigma[1], _SMALLEST_SIGMA_PX) / lens[3] if known else 1.0 / lens[3]
-    shared = 0.5 * min(sx, sy) ** 2
-    weight[0] = 1.0 / (shared * camera[0] ** 2)
-    weight[1] = 1.0 / (shared * camera[3] ** 2)
-    weight[2] = 1.0 / ((sx * sx - shared) * lens[0] ** 2)
-    weight[3] = 1.0 / ((sy * sy - shared) * lens[3] ** 2)
-    return known
-
-
-@_compiled
-def _normal_equations(
-    theta: Doubles,
-    seen: Doubles,
-    weight: Doubles,
-    camera: Doubles,
-    lens: Doubles,
-    pose: Doubles,
-    jacobian: Doubles,
-    m: Doubles,
-    r: Doubles,
-) -> float:
-    """Write J^T W J to m and -J^T W e to r for theta = (x, y, w); return the squared residual in px."""
-    u, v, ux, uy, vx, vy = _pixel(theta[0], theta[1], camera)
-    p, q = _seen(theta[0], theta[1], theta[2], pose, lens, jacobian[2:])
-    jacobian[0, 0], jacobian[0, 1], jacobian[0, 2] = ux, uy, 0.0
-    jacobian[1, 0], jacobian[1, 1], jacobian[1, 2] = vx, vy, 0.0
-    error = (u - seen[0], v - seen[1], p - seen[2], q - seen[3])
-    for a in range(3):
-        r[a] = 0.0
-        for k in range(4):
-            r[a] -= jacobian[k, a] * weight[k] * error[k]
-        for b in range(a + 1):
-            total = 0.0
-            for k in range(4):
-                total += jacobian[k, a] * weight[k] * jacobian[k, b]
-            m[a, b] = total
-            m[b, a] = total
-    return error[0] ** 2 + error[1] ** 2 + error[2] ** 2 + error[3] ** 2
-
-
-@_compiled
-def _refine(
-    theta: Doubles,
-    seen: Doubles,
-    weight: Doubles,
-    camera: Doubles,
-    lens: Doubles,
-    pose: Doubles,
-    jacobian: Doubles,
-    m: Doubles,
-    r: Doubles,
-    step: Doubles,
-) -> float:
-    """Run Gauss-Newton on theta; return the squared residual in px, NaN without convergence."""
-    for _ in range(_STEPS):
-        square = _normal_equations(theta, seen, weight, camera, lens, pose, jacobian, m, r)
-        if not math.isfinite(square) or not _solve3(m, r, step):
-            return math.nan
-        for a in range(3):
-            theta[a] += step[a]
-        # The size of a step is judged by what it moves in the pictures, in units of sigma.
-        moved = m[0, 0] * step[0] ** 2 + m[1, 1] * step[1] ** 2 + m[2, 2] * step[2] ** 2
-        if moved < 1e-14:
-            return square if theta[2] > 0.0 else math.nan
-    return math.nan
-
-
-@_compiled
-def two_rays_rows(
-    camera_xy: Singles,
-    projector_xy: Singles,
-    sigma: Singles,
-    camera: Doubles,
-    projector: Doubles,
-    pose: Doubles,
-    covariance: Doubles,
-    xyz: Singles,
-    sigma_mm: Singles,
-    residual_px: Singles,
-    sigma_cal_mm: Singles,
-) -> None:
-    """Write the reprojection-optimal point of every row that has both axes."""
-    jacobian, m, r, step = np.empty((4, 3)), np.empty((3, 3)), np.empty(3), np.empty(3)
-    theta, seen, weight, deviation = np.empty(3), np.empty(4), np.empty(4), np.empty(2)
-    along, slopes = np.empty(4), np.empty(26)
-    for i in range(camera_xy.shape[0]):
-        xyz[i, :] = math.nan
-        sigma_mm[i] = sigma_cal_mm[i] = residual_px[i] = math.nan
-        seen[0], seen[1] = camera_xy[i, 0], camera_xy[i, 1]
-        seen[2], seen[3] = projector_xy[i, 0], projector_xy[i, 1]
-        deviation[0], deviation[1] = sigma[i, 0], sigma[i, 1]
-        if not (math.isfinite(seen[2]) and math.isfinite(seen[3])):
-            continue
-        theta[0], theta[1] = _normalize(seen[0], seen[1], camera)
-        theta[2] = _best_axis(theta[0], theta[1], seen[2:], deviation, pose, projector)[0]
-        known = _weights(deviation, projector, camera, weight)
-        square = _refine(theta, seen, weight, camera, projector, pose, jacobian, m, r, step)
-        if not math.isfinite(square):
-            continue
-        x, y, w = theta
-        xyz[i, 0], xyz[i, 1], xyz[i, 2] = x / w, y / w, 1.0 / w
-        residual_px[i] = math.sqrt(square)
-        length = math.sqrt(x * x + y * y + 1.0)
-        r[0], r[1], r[2] = x / (w * length), y / (w * length), -length / (w * w)
-        if not _solve3(m, r, step):
-            continue
-        if known:
-            sigma_mm[i] = math.sqrt(r[0] * step[0] + r[1] * step[1] + r[2] * step[2])
-        for k in range(4):
-            along[k] = weight[k] * (jacobian[k, 0] * step[0] + jacobian[k, 1] * step[1] + jacobian[k, 2] * step[2])
         sigma_cal_mm[i] = _calibration_sigma(theta, along, camera, projector, pose, covariance, slopes)

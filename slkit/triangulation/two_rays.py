@@ -22,6 +22,6 @@ def two_rays(correspondences: Correspondences, rig: Rig) -> PointCloud:
     Source: Hartley and Sturm (1997), the optimal triangulation criterion; minimised by Gauss-Newton over direction
     and inverse depth, started from the ray-plane point of the better axis.
     """
-    from slkit.triangulation import _kernels
+    from slkit.triangulation import _two_rays_kernels
 
-    return run(_kernels.two_rays_rows, correspondences, rig)
+    return run(_two_rays_kernels.two_rays_rows, correspondences, rig)
