@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from slkit.codecs._masks import Levels, Light
-from slkit.codecs._rows import over_rows
+from slkit.codecs._rows import over_blocks
 from slkit.codecs._separation import SEPARATION_BITS, Pair, robust_bit, separate
 from slkit.data import Float32s, Frames
 from slkit.errors import InputError
@@ -27,8 +27,6 @@ Ints = npt.NDArray[np.int32]
 Mask = npt.NDArray[np.bool_]
 Profile = npt.NDArray[np.uint8]
 
-# So many pixels pass through all bits at a time.
-_BLOCK_PX = 16_384
 # Beyond so many sigmas noise turns nothing over, as far as float32 can tell.
 _MOST_SIGMAS = 6
 
@@ -162,13 +160,11 @@ def read_cells(
 def add_bits(code: CellCode, shown: Mapping[str, Levels], light: Light, rule: BitRule, cells: Cells) -> None:
     """Take all bits of a code into cells 0 to 0 of every pixel; the margin that `cells` has already can only shrink.
 
-    shown: the grey levels (h, w) of each name, all of one type. Blocks of a few rows pass through all bits while they
-    are in the processor's cache.
+    shown: the grey levels (h, w) of each name, all of one type. A few rows pass through all bits at a time.
     """
     from slkit.codecs._cell_kernels import add_pair, add_single, least_squares
 
     noise = light.curve.numbers
-    step = max(_BLOCK_PX // light.mask.shape[1], 1)
 
     def block(rows: slice) -> None:
         least = np.empty(light.mask[rows].shape, dtype=np.float32)
@@ -183,11 +179,7 @@ def add_bits(code: CellCode, shown: Mapping[str, Levels], light: Light, rule: Bi
                 add_single(lit, light.white[rows], light.black[rows], least, noise, rule.snr, bit, *state)
         cells.lo[rows], cells.hi[rows] = lo, hi
 
-    def work(first: int, last: int) -> None:
-        for start in range(first, last, step):
-            block(slice(start, min(start + step, last)))
-
-    over_rows(work, len(light.mask))
+    over_blocks(block, light.mask.shape)
 
 
 def _read_with_care(

@@ -106,7 +106,7 @@ def measure_light(white: Image, black: Image, min_snr: float) -> Light:
 
     high, low = levels(white), levels(black)
     saturated = saturation(white)
-    curve = noise_curve([sampled(high, ~saturated), sampled(low, ~saturation(black))])
+    curve = noise_curve([sampled(high, saturated), sampled(low, saturation(black))])
     lit = np.empty(high.shape, dtype=np.bool_)
 
     def work(first: int, last: int) -> None:
@@ -119,11 +119,11 @@ def measure_light(white: Image, black: Image, min_snr: float) -> Light:
     return Light(low, high, curve, mask)
 
 
-def sampled(picture: Levels, usable: npt.NDArray[np.bool_]) -> Evidence:
+def sampled(picture: Levels, saturated: npt.NDArray[np.bool_]) -> Evidence:
     """Return tiles of a picture (h, w), evenly spread, that show its noise as well as all of it."""
     tiles = Tiles.of(picture.shape)
     level = tiles.cut(picture).astype(np.float32)
-    return Evidence(level, level, tiles.cut(usable) & tiles.inner)
+    return Evidence(level, level, ~tiles.cut(saturated) & tiles.inner)
 
 
 @dataclass(frozen=True, eq=False)

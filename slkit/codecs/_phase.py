@@ -11,15 +11,13 @@ import numpy.typing as npt
 from slkit.codecs._gray_code import Mask
 from slkit.codecs._masks import Levels, Reader, Tiles, levels, saturation
 from slkit.codecs._noise import Evidence, noise_curve
-from slkit.codecs._rows import over_rows
+from slkit.codecs._rows import over_blocks
 from slkit.data import Float32s, Image
 
 Noise = Callable[[Float32s], Float32s]
 """From grey levels (...) to the noise of one frame at that level, 1 sigma in grey levels."""
 
 _LEAST_SNR = 1e-3
-# So many pixels pass through all frames of a set at a time.
-_BLOCK_PX = 16_384
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,19 +75,15 @@ def _sum_up(
     """Write cycle (h, w), and the modulation and the mean into the first and the last of `sums`, which are zero."""
     from slkit.codecs._wave_kernels import add_step, arctangent, finish_wave
 
-    step = max(_BLOCK_PX // cycle.shape[1], 1)
     weights = [(float(np.cos(shift)), float(np.sin(shift))) for shift in shifts]
 
-    def work(first: int, last: int) -> None:
-        # A few rows pass through all frames while they are in the processor's cache.
-        for start in range(first, last, step):
-            rows = slice(start, min(start + step, last))
-            cosine, sine, total = sums[0][rows], sums[1][rows], sums[2][rows]
-            for frame, weight in zip(shown, weights, strict=True):
-                add_step(frame[rows], *weight, cosine, sine, total)
-            finish_wave(cosine, sine, total, len(shown), offset, arctangent(), cycle[rows])
+    def block(rows: slice) -> None:
+        cosine, sine, total = sums[0][rows], sums[1][rows], sums[2][rows]
+        for frame, weight in zip(shown, weights, strict=True):
+            add_step(frame[rows], *weight, cosine, sine, total)
+        finish_wave(cosine, sine, total, len(shown), offset, arctangent(), cycle[rows])
 
-    over_rows(work, len(cycle))
+    over_blocks(block, cycle.shape)
 
 
 def as_image(levels: Float32s, like: Image) -> Image:
@@ -100,7 +94,7 @@ def as_image(levels: Float32s, like: Image) -> Image:
 def noise_of_pair(one: Wave, other: Wave) -> Noise:
     """Return the noise that two sets of one scene show: their means differ by noise alone, whatever the texture."""
     tiles, share = Tiles.of(one.level.shape), 1 / one.steps + 1 / other.steps
-    level, usable = tiles.cut(one.level), ~tiles.cut(one.saturated | other.saturated) & tiles.inner
+    level, usable = tiles.cut(one.level), ~(tiles.cut(one.saturated) | tiles.cut(other.saturated)) & tiles.inner
     return noise_curve([Evidence(level - tiles.cut(other.level), level, usable, share)]).at
 
 
