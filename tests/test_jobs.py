@@ -20,6 +20,7 @@ from slkit.errors import FileError, InputError, SlkitError
 from slkit.files import read_rig, write_rig
 from slkit.geometry import Rig
 from slkit.jobs import _running
+from slkit.jobs._manifest import Manifest
 from slkit.jobs._scanning import Job, scan_one
 from slkit.triangulation import Filters
 
@@ -342,6 +343,22 @@ def test_an_interrupt_keeps_what_is_finished(root: Path, recipe: jobs.Recipe):
     assert len({line["capture"] for line in lines(root / "clouds")}) == len(lines(root / "clouds")) == done
     result = scan(root, recipe)
     assert (result.unchanged, result.scanned) == (done, 3 - done)
+
+
+def test_an_interrupt_while_a_record_is_written(root: Path, recipe: jobs.Recipe, monkeypatch: pytest.MonkeyPatch):
+    append = Manifest.append
+
+    def interrupted(manifest: Manifest, record: jobs.Record) -> None:
+        monkeypatch.setattr(Manifest, "append", append)
+        append(manifest, record)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    monkeypatch.setattr(Manifest, "append", interrupted)
+    with pytest.raises(jobs.Interrupted) as stopped:
+        scan(root, recipe)
+    recorded = [line["capture"] for line in lines(root / "clouds")]
+    assert len(recorded) == len(set(recorded)) == stopped.value.result.scanned >= 1
+    assert {f.stem for f in (root / "clouds").glob("*.ply")} == set(recorded)
 
 
 def test_a_worker_that_raises(root: Path, recipe: jobs.Recipe):

@@ -93,9 +93,6 @@ def _scan_all(
     tally: dict[str, Record] = {}
 
     def tell(record: Record) -> None:
-        # An interrupt can come between telling and noting that it was told.
-        if record.capture in tally:
-            return
         if record.status != "unchanged":
             manifest.append(record)
         tally[record.capture] = record

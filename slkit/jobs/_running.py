@@ -8,6 +8,7 @@ from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, wait
 from itertools import islice
 
 from slkit.errors import SlkitError
+from slkit.jobs._interrupts import uninterrupted
 from slkit.jobs._manifest import Record
 from slkit.jobs._pools import Pool
 from slkit.jobs._scanning import Job
@@ -60,7 +61,8 @@ def _round(queue: Iterator[Job], work: Work, pool: Pool, tell: Tell) -> list[Job
         while not lost:
             for job in islice(queue, pool.ahead - len(under_way)):
                 try:
-                    under_way[executor.submit(work, job)] = job
+                    with uninterrupted():
+                        under_way[executor.submit(work, job)] = job
                 except BrokenExecutor:
                     lost.append(job)
                     break
@@ -83,19 +85,23 @@ def _settle(done: Iterable[Future[Record]], under_way: dict[Future[Record], Job]
     """Tell what became of futures that are done; return the jobs of those whose worker died."""
     lost: list[Job] = []
     for future in list(done):
-        job = under_way[future]
-        if future.cancelled():
-            raise SlkitError("the executor gave up its work, as a cluster does that is shut down: --resume goes on")
-        error = future.exception()
-        if isinstance(error, BrokenExecutor):
-            lost.append(job)
-        elif error is not None:
-            why = " ".join(f"{type(error).__name__}: {error}".split())
-            tell(Record(job.capture, "", "failed", error=f"{job.source}: its worker failed: {why}"))
-        else:
-            tell(future.result())
-        del under_way[future]
+        with uninterrupted():
+            lost += _settled(future, under_way.pop(future), tell)
     return lost
+
+
+def _settled(future: Future[Record], job: Job, tell: Tell) -> list[Job]:
+    if future.cancelled():
+        raise SlkitError("the executor gave up its work, as a cluster does that is shut down: --resume goes on")
+    error = future.exception()
+    if isinstance(error, BrokenExecutor):
+        return [job]
+    if error is not None:
+        why = " ".join(f"{type(error).__name__}: {error}".split())
+        tell(Record(job.capture, "", "failed", error=f"{job.source}: its worker failed: {why}"))
+    else:
+        tell(future.result())
+    return []
 
 
 def _check(pool: Pool) -> None:
