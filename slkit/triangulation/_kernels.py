@@ -21,7 +21,9 @@ from numba import njit
 
 Singles = npt.NDArray[np.float32]
 Doubles = npt.NDArray[np.float64]
+Numbers = tuple[float, ...]
 _Three = tuple[float, float, float]
+_Ten = tuple[float, float, float, float, float, float, float, float, float, float]
 _Best = tuple[float, float, float, int]
 
 compiled = njit(cache=True, nogil=True, error_model="numpy")  # a division by zero is data, not an error
@@ -34,7 +36,7 @@ _SMALLEST_SIGMA_PX = 1e-3  # a float32 pixel coordinate is not better
 
 
 @compiled
-def _distort(x: float, y: float, lens: Doubles) -> tuple[float, float, float, float, float]:
+def _distort(x: float, y: float, lens: Doubles | Numbers) -> tuple[float, float, float, float, float]:
     """Return the distorted point and the three entries of the symmetric Jacobian."""
     k1, k2, p1, p2, k3 = lens[5], lens[6], lens[7], lens[8], lens[9]
     r2 = x * x + y * y
@@ -70,7 +72,7 @@ def _normalize(u: float, v: float, lens: Doubles) -> tuple[float, float]:
 
 
 @compiled
-def _pixel(x: float, y: float, lens: Doubles) -> tuple[float, float, float, float, float, float]:
+def _pixel(x: float, y: float, lens: Doubles | Numbers) -> tuple[float, float, float, float, float, float]:
     """Return the pixel u, v of an undistorted normalised point and du/dx, du/dy, dv/dx, dv/dy."""
     dx, dy, a, b, c = _distort(x, y, lens)
     u = lens[0] * dx + lens[1] * dy + lens[2]
@@ -178,17 +180,24 @@ def _best_axis(x: float, y: float, px: Doubles, sigma: Doubles, pose: Doubles, l
 
 
 @compiled
-def _over_lens(x: float, y: float, lens: Doubles, along: Doubles, gradient: Doubles) -> None:
-    """Write along . d(u, v) / d lens (10,) to gradient, in the order of geometry.LENS_NAMES."""
+def _over_lens(x: float, y: float, lens: Doubles | Numbers, along_u: float, along_v: float) -> _Ten:
+    """Return along . d(u, v) / d lens in the order of geometry.LENS_NAMES."""
     dx, dy, _, _, _ = _distort(x, y, lens)
-    over_dx = along[0] * lens[0]
-    over_dy = along[0] * lens[1] + along[1] * lens[3]
+    over_dx = along_u * lens[0]
+    over_dy = along_u * lens[1] + along_v * lens[3]
     r2, radial = x * x + y * y, over_dx * x + over_dy * y
-    gradient[0], gradient[1], gradient[4] = along[0] * dx, along[1] * dy, along[0] * dy
-    gradient[2], gradient[3] = along[0], along[1]
-    gradient[5], gradient[6], gradient[9] = radial * r2, radial * r2**2, radial * r2**3
-    gradient[7] = over_dx * 2.0 * x * y + over_dy * (r2 + 2.0 * y * y)
-    gradient[8] = over_dx * (r2 + 2.0 * x * x) + over_dy * 2.0 * x * y
+    return (
+        along_u * dx,
+        along_v * dy,
+        along_u,
+        along_v,
+        along_u * dy,
+        radial * r2,
+        radial * r2 * r2,
+        over_dx * 2.0 * x * y + over_dy * (r2 + 2.0 * y * y),
+        over_dx * (r2 + 2.0 * x * x) + over_dy * 2.0 * x * y,
+        radial * r2 * r2 * r2,
+    )
 
 
 @compiled
@@ -202,13 +211,13 @@ def _calibration_sigma(
     if covariance.shape[0] == 0:
         return math.nan
     x, y, w = theta
-    _over_lens(x, y, camera, along[:2], slopes[:10])
+    slopes[:10] = _over_lens(x, y, camera, along[0], along[1])
     tx = (pose[0] * x + pose[1] * y + pose[2]) / w
     ty = (pose[3] * x + pose[4] * y + pose[5]) / w
     tz = (pose[6] * x + pose[7] * y + pose[8]) / w
     z = tz + pose[11]
     nx, ny = (tx + pose[9]) / z, (ty + pose[10]) / z
-    _over_lens(nx, ny, lens, along[2:], slopes[10:20])
+    slopes[10:20] = _over_lens(nx, ny, lens, along[2], along[3])
     _, _, ux, uy, vx, vy = _pixel(nx, ny, lens)
     fx, fy = (along[2] * ux + along[3] * vx) / z, (along[2] * uy + along[3] * vy) / z
     fz = -(fx * nx + fy * ny)

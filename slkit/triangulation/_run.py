@@ -21,33 +21,45 @@ Doubles = npt.NDArray[np.float64]
 _SMALLEST_SLICE = 20_000
 
 
-def run(kernel: Callable[..., None], found: Correspondences, rig: Rig) -> PointCloud:
-    """Return the points of a kernel run in slices on all cores, one a row.
+def run(blocks: Callable[..., None], rows: Callable[..., None], found: Correspondences, rig: Rig) -> PointCloud:
+    """Return the points, one a row, of a kernel that takes blocks, and of one for each of the rows which that leaves.
 
     Errors: InputError where names and matrix of the rig's covariance do not fit together.
     """
-    rows = len(found)
     given = [
         np.require(a, np.float32, ["C_CONTIGUOUS", "WRITEABLE"])
         for a in (found.camera_xy, found.projector_xy, found.sigma)
     ]
-    results = (np.empty((rows, 3), np.float32), *(np.empty(rows, np.float32) for _ in range(3)))
+    devices = _lens(rig.camera), _lens(rig.projector), _pose(rig.projector_from_camera)
+    numbers = [tuple(device.tolist()) for device in devices]
     covariance = rig_covariance(rig)
-    fixed = (
-        _lens(rig.camera),
-        _lens(rig.projector),
-        _pose(rig.projector_from_camera),
-        np.empty((0, 0)) if covariance is None else covariance,
-    )
+    full = np.empty((0, 0)) if covariance is None else covariance
+    half = np.pad(np.tril(full) - np.diag(full.diagonal() / 2), ((0, 0), (0, 2)))
+    xyz, decoding, residual_px, calibration = results = _empty(len(found))
+    whole = np.empty_like(decoding)
 
     def work(first: int, last: int) -> None:
         part = slice(first, last)
-        kernel(*(a[part] for a in given), *fixed, *(a[part] for a in results))
+        blocks(*(a[part] for a in given), *numbers, half, *(a[part] for a in results))
+        left = first + np.flatnonzero(np.isnan(xyz[part, 0]))
+        if len(left):
+            some = _empty(len(left))
+            rows(*(a[left] for a in given), *devices, full, *some)
+            for result, values in zip(results, some, strict=True):
+                result[left] = values
+        whole[part] = decoding[part] if covariance is None else _both(decoding[part], calibration[part])
 
-    in_parts(work, rows)
-    xyz, decoding, residual_px, calibration = results
-    whole = np.where(np.isnan(calibration), decoding, np.hypot(decoding, calibration))
+    in_parts(work, len(found))
     return PointCloud(xyz, found.color, whole, residual_px, found.camera_xy, sigma_cal_mm=calibration)
+
+
+def _empty(rows: int) -> tuple[Singles, Singles, Singles, Singles]:
+    a, b, c = (np.empty(rows, np.float32) for _ in range(3))
+    return np.empty((rows, 3), np.float32), a, b, c
+
+
+def _both(decoding: Singles, calibration: Singles) -> Singles:
+    return np.where(np.isnan(calibration), decoding, np.hypot(decoding, calibration))
 
 
 def in_parts(work: Callable[[int, int], None], rows: int) -> None:

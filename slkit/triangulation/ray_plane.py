@@ -21,6 +21,7 @@ def ray_plane(correspondences: Correspondences, rig: Rig) -> PointCloud:
     Source: the scalar equation proj(R z m + T) = x_p, solved by Newton's method on 1 / z with analytic derivatives,
     started where the distortion-free plane of light is.
     """
-    from slkit.triangulation import _kernels
+    from slkit.triangulation._kernels import ray_plane_rows
+    from slkit.triangulation._ray_plane_block_kernels import ray_plane_blocks
 
-    return run(_kernels.ray_plane_rows, correspondences, rig)
+    return run(ray_plane_blocks, ray_plane_rows, correspondences, rig)

@@ -22,6 +22,7 @@ def two_rays(correspondences: Correspondences, rig: Rig) -> PointCloud:
     Source: Hartley and Sturm (1997), the optimal triangulation criterion; minimised by Gauss-Newton over direction
     and inverse depth, started from the ray-plane point of the better axis.
     """
-    from slkit.triangulation import _two_rays_kernels
+    from slkit.triangulation._two_rays_block_kernels import two_rays_blocks
+    from slkit.triangulation._two_rays_kernels import two_rays_rows
 
-    return run(_two_rays_kernels.two_rays_rows, correspondences, rig)
+    return run(two_rays_blocks, two_rays_rows, correspondences, rig)
