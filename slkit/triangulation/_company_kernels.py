@@ -3,6 +3,8 @@
 Points are sorted into square cells by their viewing direction x / z, y / z. A cell s away from a point's own holds
 nothing nearer to it than z s / q, where q is the length of the longest direction (x, y, 1): rings of cells are searched
 until that rules out the rest, so that the result is exact.
+
+Most points need no search: what is within a given distance is counted, which is vector arithmetic.
 """
 
 from __future__ import annotations
@@ -13,14 +15,26 @@ import numpy.typing as npt
 
 Singles = npt.NDArray[np.float32]
 Wholes = npt.NDArray[np.int32]
-Longs = npt.NDArray[np.int64]
-Bytes = npt.NDArray[np.uint8]
 Mask = npt.NDArray[np.bool_]
 
 NEIGHBORS = 10
 """So many neighbours are looked for."""
+_ROOM = 2048  # points around a cell; where there are more a search by rings decides
+_LANES = 16
+_SECOND = 1 << 16
 
 _compiled = numba.njit(cache=True, nogil=True, error_model="numpy")
+
+
+@_compiled
+def extent_of(xyz: Singles, out: Singles) -> None:
+    """Write the smallest and largest x / z and y / z to out (4,): x, y, then x, y."""
+    left = top = np.float32(np.inf)
+    right = bottom = np.float32(-np.inf)
+    for i in range(len(xyz)):
+        x, y = xyz[i, 0] / xyz[i, 2], xyz[i, 1] / xyz[i, 2]
+        left, right, top, bottom = min(left, x), max(right, x), min(top, y), max(bottom, y)
+    out[0], out[1], out[2], out[3] = left, top, right, bottom
 
 
 @_compiled
@@ -33,9 +47,87 @@ def cells_of(xyz: Singles, origin: Singles, size: float, columns: int, out: Whol
 
 
 @_compiled
+def sort_by_cell(xyz: Singles, cell: Wholes, starts: Wholes, order: Wholes, out: Singles) -> None:
+    """Write where each cell begins (cells + 1,), the order of the points by cell, and the points in that order."""
+    starts[:] = 0
+    for i in range(len(cell)):
+        starts[cell[i] + 1] += 1
+    for c in range(len(starts) - 1):
+        starts[c + 1] += starts[c]
+    place = starts[:-1].copy()
+    for i in range(len(cell)):
+        k = place[cell[i]]
+        place[cell[i]] = k + 1
+        order[k] = i
+        out[k, 0], out[k, 1], out[k, 2] = xyz[i, 0], xyz[i, 1], xyz[i, 2]
+
+
+@_compiled
+def _window(xyz: Singles, starts: Wholes, columns: int, row: int, col: int, out: Singles) -> int:
+    """Copy the points of a cell and the eight around it, x y z apart, up to a whole vector; return how many, or 0.
+
+    Zero where there are more than fit.
+    """
+    rows, count = (len(starts) - 1) // columns, 0
+    for r in range(max(row - 1, 0), min(row + 2, rows)):
+        first, last = starts[r * columns + max(col - 1, 0)], starts[r * columns + min(col + 2, columns)]
+        if count + last - first > _ROOM:
+            return 0
+        for j in range(first, last):
+            out[count], out[_ROOM + count], out[2 * _ROOM + count] = xyz[j, 0], xyz[j, 1], xyz[j, 2]
+            count += 1
+    while count % _LANES:
+        out[count] = np.inf
+        count += 1
+    return count
+
+
+@_compiled
+def crowd(
+    xyz: Singles, starts: Wholes, columns: int, step: float, narrow: float, row: int, near: Mask, dense: Mask
+) -> None:
+    """Tell which points of a row of cells have ten others within z step, and which cells have points that have ten
+    within z narrow, or too many around to be counted.
+
+    All points within z step lie in the cells around.
+    """
+    window = np.empty(3 * _ROOM, dtype=np.float32)
+    for c in range(row * columns, (row + 1) * columns):
+        dense[c] = False
+        if starts[c] == starts[c + 1]:
+            continue
+        count = _window(xyz, starts, columns, row, c - row * columns, window)
+        for i in range(starts[c], starts[c + 1]):
+            x, y, z = xyz[i, 0], xyz[i, 1], xyz[i, 2]
+            far, close = np.float32(z * step), np.float32(z * narrow)
+            far, close = far * far, close * close
+            both = np.int32(0)
+            for k in range(count):
+                dx, dy, dz = window[k] - x, window[_ROOM + k] - y, window[2 * _ROOM + k] - z
+                away = dx * dx + dy * dy + dz * dz
+                # Two counts in one number.
+                one = np.int32(1) if away <= far else np.int32(0)
+                both = np.int32(both + one + (np.int32(_SECOND) if away <= close else np.int32(0)))
+            near[i] = both % _SECOND > NEIGHBORS
+            dense[c] |= both // _SECOND > NEIGHBORS or count == 0
+
+
+@_compiled
+def clear_of(starts: Wholes, columns: int, row: int, dense: Mask, clear: Mask) -> None:
+    """Tell which points of a row of cells have no dense cell among the 25 around."""
+    rows = (len(starts) - 1) // columns
+    for col in range(columns):
+        found = False
+        for r in range(max(row - 2, 0), min(row + 3, rows)):
+            for c in range(max(col - 2, 0), min(col + 3, columns)):
+                found |= dense[r * columns + c]
+        clear[starts[row * columns + col] : starts[row * columns + col + 1]] = not found
+
+
+@_compiled
 def _ring(
     xyz: Singles,
-    starts: Longs,
+    starts: Wholes,
     columns: int,
     i: int,
     row: int,
@@ -67,97 +159,55 @@ def _ring(
 def _nearest(
     xyz: Singles,
     cell: Wholes,
-    starts: Longs,
+    starts: Wholes,
     columns: int,
     step: float,
-    cap: float,
     i: int,
     square: Singles,
     who: Wholes,
-) -> int:
-    """Write the squared distances and numbers of the nearest points of point i; return how many rings that took."""
+) -> None:
+    """Write the squared distances and numbers of the nearest points of point i."""
     square[:] = np.inf
     row, col = divmod(cell[i], columns)
-    limit = cap * np.sqrt(xyz[i, 0] ** 2 + xyz[i, 1] ** 2 + xyz[i, 2] ** 2)
     farthest = max(columns, (len(starts) - 1) // columns)
     ring = 0
     while ring <= farthest:
         _ring(xyz, starts, columns, i, row, col, ring, square, who)
         sure = xyz[i, 2] * step * ring
-        if square[NEIGHBORS - 1] <= sure * sure or sure > limit:
+        if square[NEIGHBORS - 1] <= sure * sure:
             break
         ring += 1
-    return ring
 
 
 @_compiled
 def reaches(
     xyz: Singles,
     cell: Wholes,
-    starts: Longs,
+    starts: Wholes,
     columns: int,
     step: float,
-    cap: float,
-    first: int,
-    every: int,
+    which: Wholes,
     reach: Singles,
-    rings: Bytes,
+    neighbors: Wholes,
 ) -> None:
-    """Write the distance (k,) to the tenth neighbour, and how many rings of cells hold all ten, at most 255.
+    """Write the distance to the tenth neighbour of each of some points (k,), and who the ten are (k, 10).
 
-    Of the points first, first + every ... of xyz (n, 3), which is sorted by cell (n,); starts (cells + 1,): where each
-    cell begins; step: its side over the length of the longest direction; cap: what is farther away than so many radians
-    may be called infinitely far.
+    xyz (n, 3) is sorted by cell (n,); starts (cells + 1,): where each cell begins; step: its side over the length of
+    the longest direction.
     """
-    square, who = np.empty(NEIGHBORS, dtype=np.float32), np.empty(NEIGHBORS, dtype=np.int32)
-    for k in range(len(reach)):
-        rings[k] = min(_nearest(xyz, cell, starts, columns, step, cap, first + k * every, square, who), 255)
+    square = np.empty(NEIGHBORS, dtype=np.float32)
+    for k in range(len(which)):
+        _nearest(xyz, cell, starts, columns, step, which[k], square, neighbors[k])
         reach[k] = np.sqrt(square[NEIGHBORS - 1])
 
 
 @_compiled
-def least_of(cell: Wholes, reach: Singles, out: Singles) -> None:
-    """Write the smallest reach of each cell (c,), which is infinite where it is empty."""
-    out[:] = np.inf
-    for i in range(len(cell)):
-        out[cell[i]] = min(out[cell[i]], reach[i])
-
-
-@_compiled
-def among_equals(
-    xyz: Singles,
-    cell: Wholes,
-    starts: Longs,
-    columns: int,
-    step: float,
-    cap: float,
-    reach: Singles,
-    rings: Bytes,
-    least: Singles,
-    factor: float,
-    first: int,
-    last: int,
-    keep: Mask,
-) -> None:
-    """Tell of points first to last whether their reach is at most `factor` times the median of their neighbours'.
-
-    Most pass by the smallest reach of all that the rings hold; only for the others neighbours are looked for again.
-    """
-    rows = (len(starts) - 1) // columns
-    square, who = np.empty(NEIGHBORS, dtype=np.float32), np.empty(NEIGHBORS, dtype=np.int32)
+def among_equals(reach: Singles, neighbors: Wholes, every: Singles, factor: float, keep: Mask) -> None:
+    """Tell whether each reach (k,) is at most `factor` times the median of its neighbours', looked up in every (n,)."""
     theirs = np.empty(NEIGHBORS, dtype=np.float32)
-    for i in range(first, last):
-        row, col = divmod(cell[i], columns)
-        lowest, ring = np.float32(np.inf), int(rings[i])
-        for r in range(max(row - ring, 0), min(row + ring + 1, rows)):
-            for c in range(max(col - ring, 0), min(col + ring + 1, columns)):
-                lowest = min(lowest, least[r * columns + c])
-        if ring < 255 and reach[i] <= factor * lowest:
-            keep[i] = True
-            continue
-        _nearest(xyz, cell, starts, columns, step, cap, i, square, who)
-        for k in range(NEIGHBORS):
-            theirs[k] = reach[who[k]] if square[k] < np.inf else np.inf
+    for k in range(len(reach)):
+        for a in range(NEIGHBORS):
+            theirs[a] = every[neighbors[k, a]]
         theirs.sort()
         middle = (theirs[NEIGHBORS // 2 - 1] + theirs[NEIGHBORS // 2]) / 2
-        keep[i] = reach[i] <= factor * middle
+        keep[k] = reach[k] <= factor * middle

@@ -62,12 +62,12 @@ def _both(decoding: Singles, calibration: Singles) -> Singles:
     return np.where(np.isnan(calibration), decoding, np.hypot(decoding, calibration))
 
 
-def in_parts(work: Callable[[int, int], None], rows: int) -> None:
-    """Call work(first, last) for parts of so many rows, on all cores."""
+def in_parts(work: Callable[[int, int], None], rows: int, smallest: int = _SMALLEST_SLICE) -> None:
+    """Call work(first, last) for parts of so many rows, none much below the smallest, on all cores."""
     from numba.core import config
 
     threads = int(getattr(config, "NUMBA_NUM_THREADS"))  # noqa: B009 - numba sets it where no checker sees it
-    cuts = np.linspace(0, rows, min(threads, rows // _SMALLEST_SLICE + 1) + 1).astype(int).tolist()
+    cuts = np.linspace(0, rows, min(threads, rows // smallest + 1) + 1).astype(int).tolist()
     parts = list(zip(cuts[:-1], cuts[1:], strict=True))
     if len(parts) == 1:
         work(*parts[0])

@@ -10,24 +10,26 @@ import numpy.typing as npt
 from slkit.triangulation._run import in_parts
 
 Singles = npt.NDArray[np.float32]
-Longs = npt.NDArray[np.int64]
 Wholes = npt.NDArray[np.int32]
 Mask = npt.NDArray[np.bool_]
 
-# So many points share a cell on average, and so many points tell how far apart neighbours are.
-_POINTS_PER_CELL = 3.0
-_SAMPLE = 2000
-# The sample's median may be so much smaller than that of all.
-_ROOM = 2.0
+# So many points share a cell on average: where neighbours are searched for, and at most where they are counted.
+_SEARCHED, _COUNTED = 3.0, 100.0
+# So many points tell how far apart neighbours are: such shares of them have less than the least and the most.
+_SAMPLE, _LEAST, _MOST = 20_000, 0.001, 0.98
+# As a part of that least: what is counted there shall be rare.
+_BELOW = 0.9
+_WIDEST = 0.1  # of z
 
 
 def in_company(xyz: Singles, isolated_factor: float, remote_factor: float) -> Mask:
     """Return which points (n, 3) mm, seen by a camera at the origin along z, have company; all of ten or fewer.
 
     The distance to the tenth neighbour is at most isolated_factor times the median of the same distance among those ten
-    neighbours, and, as an angle seen from the camera, at most remote_factor times the cloud's median.
+    neighbours, and, as an angle seen from the camera, at most remote_factor times the cloud's median, which 20 000
+    points stand for.
     """
-    from slkit.triangulation._company_kernels import NEIGHBORS, among_equals, least_of, reaches
+    from slkit.triangulation._company_kernels import NEIGHBORS
 
     count = len(xyz)
     if count <= NEIGHBORS:
@@ -37,59 +39,110 @@ def in_company(xyz: Singles, isolated_factor: float, remote_factor: float) -> Ma
         # Nothing there was seen by a camera that looks along z.
         ahead[ahead] = in_company(xyz[ahead], isolated_factor, remote_factor)
         return ahead
-    order, grid = _sorted(xyz)
-    told = grid.xyz, grid.cell, grid.starts, grid.columns, grid.step
-    length = np.linalg.norm(grid.xyz, axis=1)
-    every = -(-count // _SAMPLE)
-    some = np.empty(len(length[::every]), np.float32)
-    reaches(*told, np.inf, 0, every, some, np.empty(len(some), np.uint8))
-    # Beyond this a point is remote whatever its neighbours are.
-    cap = _ROOM * remote_factor * float(np.median(some / length[::every]))
-    reach, rings = np.empty(count, np.float32), np.empty(count, np.uint8)
-    least = np.empty(len(grid.starts) - 1, np.float32)
-    keep, result = np.empty(count, dtype=np.bool_), np.empty(count, dtype=np.bool_)
-
-    def measure(a: int, b: int) -> None:
-        reaches(*told, cap, a, 1, reach[a:b], rings[a:b])
-
-    def judge(a: int, b: int) -> None:
-        among_equals(*told, cap, reach, rings, least, isolated_factor, a, b, keep)
-
-    in_parts(measure, count)
-    least_of(grid.cell, reach, least)
-    in_parts(judge, count)
-    angle = reach / length
-    result[order] = keep & (angle <= remote_factor * np.median(angle))
-    return result
+    grid = _sorted(xyz, _SEARCHED)
+    some = np.arange(0, count, -(-count // _SAMPLE), dtype=np.int32)
+    reach = grid.reaches(some)[0]
+    farthest = remote_factor * float(np.median(grid.angles(some, reach)))
+    least, most = np.quantile(reach / grid.xyz[some, 2], [_LEAST, _MOST]).tolist()
+    keep, clear, limit = _counted(xyz, _BELOW * least, min(most, farthest, _WIDEST), isolated_factor)
+    doubted = np.flatnonzero(~keep[grid.order]).astype(np.int32)
+    reach, neighbors = grid.reaches(doubted)
+    among_equals = clear[grid.order[doubted]] & (reach <= limit * grid.xyz[doubted, 2])
+    rest = np.flatnonzero(~among_equals)
+    among_equals[rest] = _compared(grid, doubted[rest], reach[rest], neighbors[rest], isolated_factor)
+    keep[grid.order[doubted]] = among_equals & (grid.angles(doubted, reach) <= farthest)
+    return keep
 
 
 @dataclass(frozen=True, eq=False)
 class _Grid:
-    """Points (n, 3) sorted by cell (n,); starts (cells + 1,): where each cell begins; step: see `reaches`."""
+    """Points (n, 3) in an order (n,) by cell (n,); starts (cells + 1,): where each cell begins; step: see `reaches`."""
 
+    order: Wholes
     xyz: Singles
     cell: Wholes
-    starts: Longs
+    starts: Wholes
     columns: int
     step: float
 
+    @property
+    def rows(self) -> int:
+        return (len(self.starts) - 1) // self.columns
 
-def _sorted(xyz: Singles) -> tuple[Longs, _Grid]:
-    """Return the order (n,) of the points by cell, and the grid of cells."""
-    from slkit.triangulation._company_kernels import cells_of
+    def reaches(self, which: Wholes) -> tuple[Singles, Wholes]:
+        """Return the distance to the tenth neighbour of some points (k,), and the ten neighbours (k, 10)."""
+        from slkit.triangulation._company_kernels import NEIGHBORS, reaches
 
-    direction = xyz[:, :2] / xyz[:, 2:]
-    low, high = direction.min(axis=0), direction.max(axis=0)
+        told = self.xyz, self.cell, self.starts, self.columns, self.step
+        reach, neighbors = np.empty(len(which), np.float32), np.empty((len(which), NEIGHBORS), np.int32)
+        in_parts(lambda a, b: reaches(*told, which[a:b], reach[a:b], neighbors[a:b]), len(which))
+        return reach, neighbors
+
+    def angles(self, which: Wholes, reach: Singles) -> Singles:
+        """Return the angle (k,) under which the camera sees a distance from each of some points."""
+        return reach / np.linalg.norm(self.xyz[which], axis=1)
+
+
+def _counted(xyz: Singles, narrow: float, wide: float, factor: float) -> tuple[Mask, Mask, float]:
+    """Return which points (n,) pass without a search, which have no crowded place around, and a limit.
+
+    A place is crowded where a point has ten others within narrow z. Where there is none around, a point whose tenth
+    neighbour is at most limit z away has no neighbour whose own is `factor` times as near; one that has ten others
+    within wide z, or less where that is above the limit, passes.
+    """
+    from slkit.triangulation._company_kernels import clear_of, crowd
+
+    # A neighbour may be nearer to the camera than the point itself.
+    limit = factor * narrow / (1 + factor * narrow)
+    grid = _sorted(xyz, _COUNTED, min(wide, limit))
+    near, clear = np.empty(len(xyz), dtype=np.bool_), np.empty(len(xyz), dtype=np.bool_)
+    dense = np.zeros(len(grid.starts) - 1, dtype=np.bool_)
+
+    def count(first: int, last: int) -> None:
+        for row in range(first, last):
+            crowd(grid.xyz, grid.starts, grid.columns, grid.step, narrow, row, near, dense)
+
+    in_parts(count, grid.rows, 16)
+    for row in range(grid.rows):
+        clear_of(grid.starts, grid.columns, row, dense, clear)
+    near &= clear
+    back = np.empty_like(near), np.empty_like(near)
+    back[0][grid.order], back[1][grid.order] = near, clear
+    return *back, min(limit, 2 * grid.step)
+
+
+def _compared(grid: _Grid, which: Wholes, reach: Singles, neighbors: Wholes, factor: float) -> Mask:
+    """Return which of some points (k,) reach at most `factor` times as far as their neighbours (k, 10), by search."""
+    from slkit.triangulation._company_kernels import among_equals
+
+    every = np.full(len(grid.xyz), np.nan, dtype=np.float32)
+    others = np.zeros(len(every), dtype=np.bool_)
+    others[neighbors] = True
+    others[which] = False
+    every[which] = reach
+    more = np.flatnonzero(others).astype(np.int32)
+    every[more] = grid.reaches(more)[0]
+    keep = np.empty(len(which), dtype=np.bool_)
+    among_equals(reach, neighbors, every, factor, keep)
+    return keep
+
+
+def _sorted(xyz: Singles, points: float, step: float = np.inf) -> _Grid:
+    """Return the points by cell, which holds so many on average, or fewer where its step would be larger than given."""
+    from slkit.triangulation._company_kernels import cells_of, extent_of, sort_by_cell
+
+    corners = np.empty(4, np.float32)
+    extent_of(xyz, corners)
+    low, high = corners[:2], corners[2:]
     extent = np.maximum(high - low, 1e-6).astype(np.float64)
-    size = float(np.sqrt(_POINTS_PER_CELL * extent[0] * extent[1] / len(xyz))) or 1e-6
-    # A cloud along a line would have a grid of very many cells.
-    size = max(size, float(extent.max()) / len(xyz))
-    columns, rows = (int(e / size) + 2 for e in extent)
-    cell = np.empty(len(xyz), np.int32)
-    cells_of(xyz, low, size, columns, cell)
-    order = np.argsort(cell, kind="stable")
-    cell = cell[order]
-    starts = np.searchsorted(cell, np.arange(rows * columns + 1))
     corner = np.maximum(np.abs(low), np.abs(high)).astype(np.float64)
     longest = float(np.sqrt(1 + corner @ corner))
-    return order, _Grid(np.ascontiguousarray(xyz[order]), cell, starts, columns, size / longest)
+    size = min(float(np.sqrt(points * extent[0] * extent[1] / len(xyz))), step * longest)
+    # A cloud along a line, or one far apart, would have a grid of very many cells.
+    size = max(size, float(extent.max()) / len(xyz), float(np.sqrt(extent[0] * extent[1] / len(xyz))))
+    columns, rows = (int(e / size) + 2 for e in extent)
+    cell, order = np.empty(len(xyz), np.int32), np.empty(len(xyz), np.int32)
+    in_parts(lambda a, b: cells_of(xyz[a:b], low, size, columns, cell[a:b]), len(xyz))
+    starts, placed = np.empty(rows * columns + 1, np.int32), np.empty_like(xyz)
+    sort_by_cell(xyz, cell, starts, order, placed)
+    return _Grid(order, placed, cell[order], starts, columns, size / longest)
