@@ -14,7 +14,7 @@ from slkit.errors import FileError
 _GREY = 0.7
 
 
-def ply(cloud: PointCloud) -> bytes:
+def ply(cloud: PointCloud) -> bytearray:
     """Return a binary little-endian PLY: x y z in mm, colours, both sigmas and the residual.
 
     float x y z, uchar red green blue, float sigma_mm sigma_cal_mm residual_px. A cloud with normals adds float
@@ -30,13 +30,18 @@ def ply(cloud: PointCloud) -> bytes:
     columns |= dict(zip(("red", "green", "blue"), _bytes(cloud.color).T, strict=True))
     columns |= {n: getattr(cloud, n) for n in ("sigma_mm", "sigma_cal_mm", "residual_px")}
     kinds = [(name, values.dtype.newbyteorder("<")) for name, values in columns.items()]
-    rows = np.empty(len(cloud), dtype=kinds)
+    vertex = PlyElement.describe(np.empty(0, dtype=kinds), "vertex")
+    comments = ["units millimetres", "frame camera: x right, y down, z forward"]
+    head = PlyData([vertex], text=False, byte_order="<", comments=comments).header
+    head = head.replace("element vertex 0", f"element vertex {len(cloud)}")
+    start = f"{head}\n".encode("ascii")
+    # Filled in place: a large cloud is copied once.
+    data = bytearray(len(start) + len(cloud) * np.dtype(kinds).itemsize)
+    data[: len(start)] = start
+    rows = np.frombuffer(data, dtype=kinds, offset=len(start))
     for name, values in columns.items():
         rows[name] = values
-    comments = ["units millimetres", "frame camera: x right, y down, z forward"]
-    header = PlyData([PlyElement.describe(rows, "vertex")], text=False, byte_order="<", comments=comments).header
-    # The rows as they lie in memory: a large cloud is copied once.
-    return b"".join((f"{header}\n".encode("ascii"), rows.view(np.uint8).data))
+    return data
 
 
 def xyz(cloud: PointCloud) -> bytes:
@@ -47,7 +52,7 @@ def xyz(cloud: PointCloud) -> bytes:
     return file.getvalue()
 
 
-def read_ply(data: bytes) -> PointCloud:
+def read_ply(data: bytes | bytearray) -> PointCloud:
     """Return the cloud of a PLY file, one of slkit's or a stranger's, text or binary.
 
     It needs x y z; where there is no red green blue the points are grey, where there is no sigma_mm, sigma_cal_mm
@@ -76,7 +81,7 @@ def read_ply(data: bytes) -> PointCloud:
     return cloud.select(cloud.finite)
 
 
-def _vertices(data: bytes) -> npt.NDArray[Any]:
+def _vertices(data: bytes | bytearray) -> npt.NDArray[Any]:
     from plyfile import PlyData
 
     if not data.startswith(b"ply"):

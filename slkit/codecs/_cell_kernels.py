@@ -171,7 +171,7 @@ def write_pixels(
     starts: Longs,
     camera_xy: Singles,
     confidence: Singles,
-    color: Singles,
+    grey: Singles,
 ) -> None:
     """Write the kept pixels of rows row0 on (r, w) to the rows of a result from starts (r,) on.
 
@@ -189,8 +189,7 @@ def write_pixels(
             step = int(place) if place < last else last
             part = min(place - np.float32(step), np.float32(1))
             confidence[at] = chance[step] + part * (chance[step + 1] - chance[step])
-            level = np.float32(light[row, col]) / np.float32(brightest)
-            color[at, 0], color[at, 1], color[at, 2] = level, level, level
+            grey[at] = np.float32(light[row, col]) / np.float32(brightest)
             at += 1
 
 

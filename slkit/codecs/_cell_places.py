@@ -93,15 +93,14 @@ def _pixels(mask: Mask, square: Float32s, white: Image, starts: Longs, total: in
     """Return correspondences (total,) of the pixels of mask (h, w), positions left open; starts (h,): of each row."""
     from slkit.codecs._cell_kernels import write_pixels
 
-    camera_xy, color = np.empty((total, 2), np.float32), np.empty((total, 3), np.float32)
+    camera_xy, level = np.empty((total, 2), np.float32), np.empty(total, np.float32)
     confidence, table, brightest = np.empty(total, np.float32), chances(), float(max(int(white.max()), 1))
     grey = white if white.ndim == 2 else white[..., 0]
 
     def work(first: int, last: int) -> None:
-        part, out = slice(first, last), (camera_xy, confidence, color)
+        part, out = slice(first, last), (camera_xy, confidence, level)
         write_pixels(first, mask[part], square[part], table, grey[part], brightest, starts[part], *out)
 
     over_rows(work, len(mask))
-    if white.ndim == 3:
-        color = colors_at(white, camera_xy)
+    color = colors_at(white, camera_xy) if white.ndim == 3 else np.broadcast_to(level[:, None], (total, 3))
     return Correspondences(camera_xy, np.empty_like(camera_xy), np.empty_like(camera_xy), confidence, color)

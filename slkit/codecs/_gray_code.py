@@ -27,6 +27,8 @@ Ints = npt.NDArray[np.int32]
 Mask = npt.NDArray[np.bool_]
 Profile = npt.NDArray[np.uint8]
 
+# More pictures of a code are not held in memory than those of so many bits.
+_AT_ONCE = 4
 # Beyond so many sigmas noise turns nothing over, as far as float32 can tell.
 _MOST_SIGMAS = 6
 
@@ -64,8 +66,12 @@ class CellCode:
 
     def names(self) -> list[str]:
         """Return the pattern names in display order."""
+        return [name for bit in reversed(range(self.bits)) for name in self.names_of(bit)]
+
+    def names_of(self, bit: int) -> list[str]:
+        """Return the names of a bit's patterns."""
         tails = ("", "_inverse") if self.inverse else ("",)
-        return [f"{self.axis}_bit{bit}{tail}" for bit in reversed(range(self.bits)) for tail in tails]
+        return [f"{self.axis}_bit{bit}{tail}" for tail in tails]
 
     def profiles(self) -> dict[str, Profile]:
         """Return each pattern as (1, size) or (size, 1), 0 or 255."""
@@ -153,14 +159,18 @@ def read_cells(
         return _read_with_care(code, read, light, rule, on_bit)
     lo, hi = (np.zeros(light.mask.shape, dtype=np.int32) for _ in range(2))
     cells = Cells(lo, hi, np.full(lo.shape, np.inf, dtype=np.float32), lo)
-    add_bits(code, {name: read(name) for name in code.names()}, light, rule, cells)
+    for first in range(0, code.bits, _AT_ONCE):
+        bits = range(first, min(first + _AT_ONCE, code.bits))
+        add_bits(code, bits, {name: read(name) for bit in bits for name in code.names_of(bit)}, light, rule, cells)
     return cells
 
 
-def add_bits(code: CellCode, shown: Mapping[str, Levels], light: Light, rule: BitRule, cells: Cells) -> None:
-    """Take all bits of a code into cells 0 to 0 of every pixel; the margin that `cells` has already can only shrink.
+def add_bits(
+    code: CellCode, bits: range, shown: Mapping[str, Levels], light: Light, rule: BitRule, cells: Cells
+) -> None:
+    """Take bits into cells that hold all lower ones; see `read_cells`.
 
-    shown: the grey levels (h, w) of each name, all of one type. A few rows pass through all bits at a time.
+    shown: the grey levels (h, w) of each name, all of one type. A few rows pass through all of the bits at a time.
     """
     from slkit.codecs._cell_kernels import add_pair, add_single, least_squares
 
@@ -169,9 +179,9 @@ def add_bits(code: CellCode, shown: Mapping[str, Levels], light: Light, rule: Bi
     def block(rows: slice) -> None:
         least = np.empty(light.mask[rows].shape, dtype=np.float32)
         least_squares(light.white[rows], light.black[rows], rule.contrast, least)
-        lo, hi = (np.zeros_like(least) for _ in range(2))
+        lo, hi = cells.lo[rows].astype(np.float32), cells.hi[rows].astype(np.float32)
         state = lo, hi, cells.square[rows]
-        for bit in range(code.bits):
+        for bit in bits:
             lit = shown[f"{code.axis}_bit{bit}"][rows]
             if code.inverse:
                 add_pair(lit, shown[f"{code.axis}_bit{bit}_inverse"][rows], least, noise, rule.snr, bit, *state)

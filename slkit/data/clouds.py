@@ -94,8 +94,11 @@ class PointCloud:
     @property
     def sigma_decoding_mm(self) -> Float32s:
         """The decoding's share (m,) of sigma_mm, which differs from point to point."""
-        whole, calibration = (v.astype(np.float64) for v in (self.sigma_mm, np.nan_to_num(self.sigma_cal_mm)))
-        return np.sqrt(np.maximum(whole**2 - calibration**2, 0)).astype(np.float32)
+        calibration = np.nan_to_num(self.sigma_cal_mm)
+        # A difference of squares as a product: single precision is enough.
+        square = self.sigma_mm - calibration
+        square *= self.sigma_mm + calibration
+        return np.sqrt(np.maximum(square, 0, out=square), out=square)
 
     def select(self, keep: npt.NDArray[Any]) -> PointCloud:
         """Return the points named by a mask (m,) or by indices."""

@@ -70,7 +70,7 @@ class Place:
         with _told(self.url, "read"):
             return cast("bytes", self.system.cat_file(self.path))
 
-    def write(self, data: bytes) -> None:
+    def write(self, data: bytes | bytearray) -> None:
         """Write a file that appears whole or not at all. Errors: FileError where it cannot be written."""
         if self.local is not None:
             write_bytes(self.local, data)
