@@ -1,4 +1,4 @@
-"""Phases of shifted sinusoids, and the periods that coarser ones choose, in compiled loops over rows of pixels."""
+"""Sums and phases of shifted sinusoids, in compiled loops over rows of pixels, and the rows of a result."""
 
 from __future__ import annotations
 
@@ -19,6 +19,14 @@ _compiled = numba.njit(cache=True, nogil=True, error_model="numpy")
 # Beyond such an exponent 1 + exp(-x) is 1 in float32.
 _CERTAIN = np.float32(17.0)
 _TERMS = 8
+_LEAST_SNR = 1e-3
+
+CHUNK = 512
+"""Pixels whose sums lie side by side: cosine, sine and total of so many, then those of the next.
+
+A fixed distance between the three tells the compiler that they do not overlap, which it needs for parallel lanes.
+"""
+_SINE, _TOTAL = CHUNK, 2 * CHUNK
 
 
 @cache
@@ -33,128 +41,130 @@ def _atan_over_x(square: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     return np.arctan(x) / x
 
 
-@_compiled
-def add_step(frame: Levels, cosine_of: float, sine_of: float, cosine: Singles, sine: Singles, total: Singles) -> None:
-    """Add one shifted frame (r, w) to the sums over a set, weighted by cosine and sine of its shift, and plainly."""
-    c, s = np.float32(cosine_of), np.float32(sine_of)
-    for row in range(frame.shape[0]):
-        here, to_c, to_s, to_t = frame[row], cosine[row], sine[row], total[row]
-        for col in range(len(here)):
-            level = np.float32(here[col])
-            to_c[col] += c * level
-            to_s[col] += s * level
-            to_t[col] += level
+def empty_sums(shape: tuple[int, int]) -> Singles:
+    """Return sums of no frames over pixels (r, w), in chunks of a row: (r, ceil(w / CHUNK), 3 CHUNK)."""
+    return np.zeros((shape[0], -(-shape[1] // CHUNK), 3 * CHUNK), dtype=np.float32)
 
 
 @_compiled
-def finish_wave(
-    cosine: Singles, sine: Singles, total: Singles, steps: int, offset: float, p: Singles, cycle: Singles
-) -> None:
-    """Write the phase in periods, 0 to 1, less offset in radians; turn cosine into the modulation, total into the mean.
+def add_steps(one: Levels, two: Levels, three: Levels, four: Levels, weights: Singles, sums: Singles) -> None:
+    """Add four shifted frames (r, w) to the sums over a set: see `empty_sums`.
 
-    All (r, w); p (8,): `arctangent`.
+    weights (4, 3): the cosine and sine of each frame's shift, and 1; 0, 0, 0 for a frame that is not to count.
     """
+    c0, c1, c2, c3 = weights[0, 0], weights[1, 0], weights[2, 0], weights[3, 0]
+    s0, s1, s2, s3 = weights[0, 1], weights[1, 1], weights[2, 1], weights[3, 1]
+    t0, t1, t2, t3 = weights[0, 2], weights[1, 2], weights[2, 2], weights[3, 2]
+    for row in range(sums.shape[0]):
+        for chunk in range(sums.shape[1]):
+            to, cut = sums[row, chunk], slice(chunk * CHUNK, (chunk + 1) * CHUNK)
+            p, q, r, s = one[row, cut], two[row, cut], three[row, cut], four[row, cut]
+            for k in range(len(p)):
+                a, b, c, d = np.float32(p[k]), np.float32(q[k]), np.float32(r[k]), np.float32(s[k])
+                to[k] = to[k] + c0 * a + c1 * b + c2 * c + c3 * d
+                to[_SINE + k] = to[_SINE + k] + s0 * a + s1 * b + s2 * c + s3 * d
+                to[_TOTAL + k] = to[_TOTAL + k] + t0 * a + t1 * b + t2 * c + t3 * d
+
+
+@_compiled
+def mark_saturated(one: Levels, two: Levels, three: Levels, four: Levels, most: Levels, saturated: Mask) -> None:
+    """Mark where one of four frames (r, w) exceeds its highest level that is not saturated: most (4,)."""
+    m0, m1, m2, m3 = most[0], most[1], most[2], most[3]
+    for row in range(saturated.shape[0]):
+        p, q, r, s, out = one[row], two[row], three[row], four[row], saturated[row]
+        for k in range(len(out)):
+            out[k] |= (p[k] > m0) | (q[k] > m1) | (r[k] > m2) | (s[k] > m3)
+
+
+@_compiled
+def keep_lit(sums: Singles, steps: int, noise: Singles, snr: float, lit: Mask) -> None:
+    """Take out of lit (r, w) where the modulation is not above snr times the noise of one frame.
+
+    noise (3,): variance in dark, its gain a level, the dark level.
+    """
+    square, mean = np.float32((steps * snr / 2) ** 2), np.float32(1 / steps)
+    least, gain, dark, zero = noise[0], noise[1], noise[2], np.float32(0)
+    for row in range(sums.shape[0]):
+        for chunk in range(sums.shape[1]):
+            here, out = sums[row, chunk], lit[row, chunk * CHUNK : (chunk + 1) * CHUNK]
+            for k in range(len(out)):
+                x, y = here[k], here[_SINE + k]
+                variance = least + gain * max(here[_TOTAL + k] * mean - dark, zero)
+                out[k] &= x * x + y * y > square * variance
+
+
+@_compiled
+def phase_of(sums: Singles, offset: float, p: Singles, cycle: Singles) -> None:
+    """Write the phase (r, w) that sums show, in periods, 0 to 1, less offset in radians; p (8,): `arctangent`."""
     p0, p1, p2, p3, p4, p5, p6, p7 = p[0], p[1], p[2], p[3], p[4], p[5], p[6], p[7]
     turn, start = np.float32(1 / (2 * np.pi)), np.float32(offset / (2 * np.pi))
+    zero, one, quarter, half = np.float32(0), np.float32(1), np.float32(np.pi / 2), np.float32(np.pi)
+    for row in range(sums.shape[0]):
+        for chunk in range(sums.shape[1]):
+            here, out = sums[row, chunk], cycle[row, chunk * CHUNK : (chunk + 1) * CHUNK]
+            for k in range(len(out)):
+                x, y = here[k], here[_SINE + k]
+                a, b = abs(x), abs(y)
+                low, high = min(a, b), max(a, b)
+                ratio = low / high if high > zero else zero
+                t = ratio * ratio
+                angle = ratio * (p0 + t * (p1 + t * (p2 + t * (p3 + t * (p4 + t * (p5 + t * (p6 + t * p7)))))))
+                angle = quarter - angle if b > a else angle
+                angle = half - angle if x < zero else angle
+                angle = -angle if y < zero else angle
+                place = angle * turn - start
+                place -= np.floor(place)
+                out[k] = zero if place >= one else place
+
+
+@_compiled
+def amplitude_of(sums: Singles, steps: int, noise: Singles, modulation: Singles, sigma: Singles) -> None:
+    """Write the modulation in grey levels and 1 sigma of the phase in periods, (r, w) each, that sums show.
+
+    sigma: sqrt(2 / steps) / (2 pi) noise / modulation; noise (3,): as `keep_lit`.
+    """
     share, mean = np.float32(2 / steps), np.float32(1 / steps)
-    for row in range(cosine.shape[0]):
-        here, up, out, level = cosine[row], sine[row], cycle[row], total[row]
-        for col in range(len(here)):
-            x, y = here[col], up[col]
-            a, b = abs(x), abs(y)
-            low, high = min(a, b), max(a, b)
-            ratio = low / high if high > 0 else np.float32(0)
-            t = ratio * ratio
-            angle = ratio * (p0 + t * (p1 + t * (p2 + t * (p3 + t * (p4 + t * (p5 + t * (p6 + t * p7)))))))
-            angle = np.float32(np.pi / 2) - angle if b > a else angle
-            angle = np.float32(np.pi) - angle if x < 0 else angle
-            angle = -angle if y < 0 else angle
-            place = angle * turn - start
-            place -= np.floor(place)
-            out[col] = np.float32(0) if place >= 1 else place
-        for col in range(len(here)):
-            here[col] = np.sqrt(here[col] * here[col] + up[col] * up[col]) * share
-        for col in range(len(level)):
-            level[col] *= mean
+    least, gain, dark, zero = noise[0], noise[1], noise[2], np.float32(0)
+    scale, lowest = np.float32(np.sqrt(2 / steps) / (2 * np.pi)), np.float32(_LEAST_SNR)
+    for row in range(sums.shape[0]):
+        for chunk in range(sums.shape[1]):
+            here, cut = sums[row, chunk], slice(chunk * CHUNK, (chunk + 1) * CHUNK)
+            high, out = modulation[row, cut], sigma[row, cut]
+            for k in range(len(out)):
+                x, y = here[k], here[_SINE + k]
+                size = np.sqrt(x * x + y * y) * share
+                variance = least + gain * max(here[_TOTAL + k] * mean - dark, zero)
+                high[k] = size
+                out[k] = scale / max(size / np.sqrt(variance), lowest)
 
 
 @_compiled
-def nearest_period(position: Singles, cycle: Singles, pitch: float, order: Singles, distance: Singles) -> None:
-    """Write the whole periods (r, w) that bring cycle nearest to position / pitch, and what is left, in periods."""
-    per_px = np.float32(1 / pitch)
-    for row in range(position.shape[0]):
-        for col in range(position.shape[1]):
-            raw = position[row, col] * per_px - cycle[row, col]
-            whole = np.rint(raw)
-            order[row, col] = whole
-            distance[row, col] = raw - whole
+def chance_of(sigma: Singles, confidence: Singles) -> None:
+    """Multiply confidence (r, w) by the chance that noise alone would modulate less: 1 - exp(-steps snr^2 / 4).
 
-
-@_compiled
-def mend_ends(
-    position: Singles,
-    cycle: Singles,
-    pitch: float,
-    center: float,
-    extent: float,
-    longest: float,
-    order: Singles,
-    distance: Singles,
-) -> None:
-    """Move pixels at one end of an axis to its other end, in place, where that fits image and phase better.
-
-    (r, w) each; center, extent: of the axis in px; longest: the coarsest period in px, after which a position wraps.
+    sigma (r, w): of the phase in periods, which tells snr; see `amplitude_of`. After Rayleigh.
     """
-    middle, half, rim = center / pitch, extent / 2 / pitch, extent / 2 - pitch
-    for row in range(position.shape[0]):
-        for col in range(position.shape[1]):
-            off = position[row, col] - center
-            if abs(off) <= rim:
-                continue
-            place = cycle[row, col]
-            raw = (position[row, col] - (longest if off > 0 else -longest)) / pitch - place
-            other = np.rint(raw)
-            there = abs(raw - other) + max(abs(place + other - middle) - half, 0.0)
-            here = abs(distance[row, col]) + max(abs(place + order[row, col] - middle) - half, 0.0)
-            if there < here:
-                order[row, col], distance[row, col] = other, raw - other
+    # steps / 4 snr^2 = 1 / (8 pi^2 sigma^2)
+    scale = np.float32(1 / (8 * np.pi**2))
+    doubtful = np.sqrt(scale / _CERTAIN)
+    for row in range(sigma.shape[0]):
+        for col in range(sigma.shape[1]):
+            if sigma[row, col] > doubtful:
+                confidence[row, col] *= -np.expm1(-scale / (sigma[row, col] * sigma[row, col]))
 
 
 @_compiled
-def choose_period(
-    order: Singles,
-    distance: Singles,
-    cycle: Singles,
-    cycle_sigma: Singles,
-    coarse_sigma: Singles,
-    pitch: float,
-    beyond: float,
-    reach: float,
-    log_odds: float,
-    position: Singles,
-    sigma: Singles,
-    confidence: Singles,
-    mask: Mask,
-) -> None:
-    """Write position and sigma in px (r, w) of the chosen period; take doubtful pixels out of mask.
+def add_tiles(frame: Levels, most: int, rows: Longs, cols: Longs, total: Singles, usable: Mask) -> None:
+    """Add tiles of a frame (h, w) to total (r, c), and take what is above the level `most` out of usable (r, c).
 
-    cycle_sigma in periods, coarse_sigma in px; beyond: variance in periods squared that the picture shows above what
-    these predict. A distance counts up to `reach` periods, and up to where the odds are exp(log_odds). confidence is
-    multiplied by odds / (1 + odds).
+    rows, cols (r,): where in the frame each row of a tile begins.
     """
-    per_px, wide, surely = np.float32(1 / pitch), np.float32(pitch), np.float32(log_odds)
-    more, most = np.float32(beyond), np.float32(reach)
-    for row in range(order.shape[0]):
-        for col in range(order.shape[1]):
-            coarse, own = coarse_sigma[row, col] * per_px, cycle_sigma[row, col]
-            variance = coarse * coarse + own * own + more
-            away = abs(distance[row, col])
-            odds = (1 - 2 * away) / (2 * max(variance, np.float32(1e-6)))
-            if odds < _CERTAIN:
-                confidence[row, col] /= 1 + np.exp(-odds)
-            mask[row, col] &= away < min(most, np.float32(0.5) - surely * variance)
-            position[row, col] = (cycle[row, col] + order[row, col]) * wide
-            sigma[row, col] = own * wide
+    for row in range(len(rows)):
+        here, to, good = frame[rows[row], cols[row] :], total[row], usable[row]
+        for k in range(len(to)):
+            to[k] += np.float32(here[k])
+        for k in range(len(good)):
+            good[k] &= here[k] <= most
 
 
 @_compiled

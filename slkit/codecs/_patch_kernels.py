@@ -1,0 +1,113 @@
+"""The doubt that a pixel's patch adds to a decoded axis, written to the rows of a result: compiled loops."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+Singles = npt.NDArray[np.float32]
+Longs = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
+
+_compiled = numba.njit(cache=True, nogil=True, error_model="numpy")
+
+
+@_compiled
+def shift_row(position: Singles, light: Singles, row: int, jump: float, out: Singles) -> None:
+    """Write |`displacement`| of one row (w,) of a picture.
+
+    position (h, w): projector px, NaN where unknown; light (h, w): the logarithm of the brightness; jump: px of value
+    from one pixel to the next that is an edge.
+    """
+    height, width = position.shape
+    out[:] = 0
+    if row < 2 or row >= height - 2:
+        return
+    up, here, down = position[row - 2], position[row], position[row + 2]
+    above, level, below = light[row - 2], light[row], light[row + 2]
+    most, share, eighth = np.float32(2 * jump), np.float32(1 / 16), np.float32(1 / 8)
+    two, zero = np.float32(2), np.float32(0)
+    for col in range(2, width - 2):
+        value, left, right = here[col], here[col - 2], here[col + 2]
+        top, bottom = up[col], down[col]
+        total = share * ((below[col] - above[col]) * (bottom - top) + (level[col + 2] - level[col - 2]) * (right - left))
+        total += eighth * ((bottom - two * value + top) + (right - two * value + left))
+        usable = (abs(bottom - value) < most) & (abs(value - top) < most)
+        usable &= (abs(right - value) < most) & (abs(value - left) < most)
+        out[col] = abs(total) if usable else zero
+
+
+@_compiled
+def write_axis(
+    first: int,
+    last: int,
+    mask: Mask,
+    position: Singles,
+    sigma: Singles,
+    light: Singles,
+    jump: float,
+    variance: float,
+    axis: int,
+    alone: bool,
+    starts: Longs,
+    projector_xy: Singles,
+    spread: Singles,
+) -> None:
+    """Write one axis of the kept pixels of rows first to last of a picture to the rows of a result.
+
+    sigma (h, w) is enlarged by `variance` times the largest |`displacement`| of a pixel and its eight neighbours. mask
+    (h, w): what to keep; starts (h,): where each of its rows begins in the result; alone: no other axis is coded;
+    else as `shift_row`.
+    """
+    height, width = mask.shape
+    shifts = np.zeros((3, width), dtype=np.float32)
+    most, doubt = np.zeros(width + 2, dtype=np.float32), np.empty(width, dtype=np.float32)
+    scale = np.float32(variance)
+    for row in range(max(first - 1, 0), min(first + 1, height)):
+        shift_row(position, light, row, jump, shifts[row % 3])
+    for row in range(first, last):
+        shifts[(row + 1) % 3] = 0
+        if row + 1 < height:
+            shift_row(position, light, row + 1, jump, shifts[(row + 1) % 3])
+        a, b, c, own = shifts[0], shifts[1], shifts[2], sigma[row]
+        for col in range(width):
+            most[col + 1] = max(a[col], b[col], c[col])
+        for col in range(width):
+            shift = scale * max(most[col], most[col + 1], most[col + 2])
+            doubt[col] = np.sqrt(own[col] * own[col] + shift * shift)
+        at = starts[row]
+        for col in range(width):
+            if mask[row, col]:
+                projector_xy[at, axis], spread[at, axis] = position[row, col], doubt[col]
+                if alone:
+                    projector_xy[at, 1 - axis], spread[at, 1 - axis] = np.nan, np.nan
+                at += 1
+
+
+@_compiled
+def count_rows(mask: Mask, counts: Longs) -> None:
+    """Write how many pixels of each row of a mask (r, w) are set: counts (r,)."""
+    for row in range(mask.shape[0]):
+        found, here = 0, mask[row]
+        for col in range(len(here)):
+            found += here[col]
+        counts[row] = found
+
+
+@_compiled
+def pick_pixels(first: int, mask: Mask, starts: Longs, step: int, at: Longs) -> None:
+    """Write the flat place in a picture of every step-th pixel of a mask, rows first on (r, w): at (m,).
+
+    starts (r,): how many pixels of the mask lie above each row.
+    """
+    width = mask.shape[1]
+    for row in range(mask.shape[0]):
+        count = starts[row]
+        for col in range(width):
+            if mask[row, col]:
+                if count % step == 0:
+                    at[count // step] = (first + row) * width + col
+                count += 1
