@@ -24,20 +24,21 @@ def shift_row(position: Singles, light: Singles, row: int, jump: float, out: Sin
     """
     height, width = position.shape
     out[:] = 0
-    if row < 2 or row >= height - 2:
+    if row < 2 or row >= height - 2 or width < 5:
         return
     up, here, down = position[row - 2], position[row], position[row + 2]
     above, level, below = light[row - 2], light[row], light[row + 2]
     most, share, eighth = np.float32(2 * jump), np.float32(1 / 16), np.float32(1 / 8)
     two, zero = np.float32(2), np.float32(0)
-    for col in range(2, width - 2):
-        value, left, right = here[col], here[col - 2], here[col + 2]
-        top, bottom = up[col], down[col]
-        total = share * ((below[col] - above[col]) * (bottom - top) + (level[col + 2] - level[col - 2]) * (right - left))
-        total += eighth * ((bottom - two * value + top) + (right - two * value + left))
-        usable = (abs(bottom - value) < most) & (abs(value - top) < most)
-        usable &= (abs(right - value) < most) & (abs(value - left) < most)
-        out[col] = abs(total) if usable else zero
+    left, value, right, dark, bright = here[:-4], here[2:-2], here[4:], level[:-4], level[4:]
+    top, bottom, darker, brighter, inner = up[2:-2], down[2:-2], above[2:-2], below[2:-2], out[2:-2]
+    for k in range(len(inner)):
+        x, a, b, c, d = value[k], left[k], right[k], top[k], bottom[k]
+        total = share * ((bright[k] - dark[k]) * (b - a) + (brighter[k] - darker[k]) * (d - c))
+        total += eighth * ((b - two * x + a) + (d - two * x + c))
+        # Not a number beside unknown pixels, hence not below.
+        usable = (abs(d - x) < most) & (abs(x - c) < most) & (abs(b - x) < most) & (abs(x - a) < most)
+        inner[k] = abs(total) if usable else zero
 
 
 @_compiled

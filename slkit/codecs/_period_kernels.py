@@ -106,9 +106,13 @@ def choose_period(
             kept[col] &= abs(away[col]) < min(most, half - surely * far[col])
         for col in range(len(odds)):
             odds[col] = (one - two * abs(away[col])) / (two * max(far[col], least))
+        doubtful = 0
         for col in range(len(odds)):
-            if odds[col] < _CERTAIN:
-                confidence[row, col] /= one + np.exp(-odds[col])
+            doubtful += kept[col] & (odds[col] < _CERTAIN)
+        if doubtful:
+            for col in range(len(odds)):
+                if kept[col] & (odds[col] < _CERTAIN):
+                    confidence[row, col] /= one + np.exp(-odds[col])
         for col in range(len(odds)):
             position[row, col] = (cycle[row, col] + order[row, col]) * wide
         for col in range(len(odds)):
@@ -127,3 +131,12 @@ def keep_inside(
     for row in range(mask.shape[0]):
         for col in range(mask.shape[1]):
             mask[row, col] &= abs(position[row, col] - middle) <= min(most, wrap - wide * sigma[row, col])
+
+
+@_compiled
+def blank_outside(mask: Mask, position: Singles) -> None:
+    """Write NaN to position where mask does not hold, (r, w) each."""
+    nothing = np.float32(np.nan)
+    for row in range(mask.shape[0]):
+        for col in range(mask.shape[1]):
+            position[row, col] = position[row, col] if mask[row, col] else nothing

@@ -34,6 +34,8 @@ def climb_all(ladders: Sequence[Ladder], mask: Mask) -> tuple[list[AxisMaps], Fl
 
     Errors: DecodeError where nothing is.
     """
+    from slkit.codecs._period_kernels import blank_outside
+
     beyond = [ladder.unforeseen(mask) for ladder in ladders]
     confidence, known = np.empty(mask.shape, dtype=np.float32), mask.copy()
     maps = [AxisMaps(*(np.empty_like(confidence) for _ in range(3)), ladder.sets[-1].pitch / 2) for ladder in ladders]
@@ -45,7 +47,7 @@ def climb_all(ladders: Sequence[Ladder], mask: Mask) -> tuple[list[AxisMaps], Fl
             place = Place(found.position[rows], found.sigma[rows], confidence[rows], mask[rows].copy())
             ladder.part(lambda pixels: pixels[rows]).climb(place, light, more)
             np.log(np.maximum(light, np.float32(1), out=light), out=light)
-            np.copyto(place.position, np.nan, where=~place.mask)
+            blank_outside(place.mask, place.position)
             known[rows] &= place.mask
 
     over_blocks(block, mask.shape)

@@ -97,7 +97,7 @@ class Ladder:
             sums = fringes.sums()
             phase_of(sums, fringes.offset, arctangent(), cycle)
             amplitude_of(sums, fringes.steps, self.noise, modulation, own)
-            chance_of(own, place.confidence)
+            chance_of(own, place.mask, place.confidence)
             if index == 0 and self.start is None:
                 self._place_alone(place, cycle, own)
                 found.append(0.0)

@@ -139,18 +139,22 @@ def amplitude_of(sums: Singles, steps: int, noise: Singles, modulation: Singles,
 
 
 @_compiled
-def chance_of(sigma: Singles, confidence: Singles) -> None:
-    """Multiply confidence (r, w) by the chance that noise alone would modulate less: 1 - exp(-steps snr^2 / 4).
+def chance_of(sigma: Singles, mask: Mask, confidence: Singles) -> None:
+    """Multiply confidence by the chance that noise alone would modulate less, where mask says, (r, w) each.
 
-    sigma (r, w): of the phase in periods, which tells snr; see `amplitude_of`. After Rayleigh.
+    That is 1 - exp(-steps snr^2 / 4) after Rayleigh; sigma (r, w), of the phase in periods, tells snr: `amplitude_of`.
     """
-    # steps / 4 snr^2 = 1 / (8 pi^2 sigma^2)
     scale = np.float32(1 / (8 * np.pi**2))
-    doubtful = np.sqrt(scale / _CERTAIN)
+    least = np.sqrt(scale / _CERTAIN)
     for row in range(sigma.shape[0]):
-        for col in range(sigma.shape[1]):
-            if sigma[row, col] > doubtful:
-                confidence[row, col] *= -np.expm1(-scale / (sigma[row, col] * sigma[row, col]))
+        own, kept = sigma[row], mask[row]
+        doubtful = 0
+        for col in range(len(own)):
+            doubtful += kept[col] & (own[col] > least)
+        if doubtful:
+            for col in range(len(own)):
+                if kept[col] & (own[col] > least):
+                    confidence[row, col] *= -np.expm1(-scale / (own[col] * own[col]))
 
 
 @_compiled
