@@ -32,53 +32,27 @@ def place_on_axis(cycle: Singles, cycle_sigma: Singles, pitch: float, center: fl
 
 
 @_compiled
-def nearest_period(position: Singles, cycle: Singles, pitch: float, order: Singles, distance: Singles) -> None:
-    """Write the whole periods (r, w) that bring cycle nearest to position / pitch, and what is left, in periods."""
-    per_px = np.float32(1 / pitch)
+def distances(
+    position: Singles, cycle: Singles, pitch: float, center: float, extent: float, longest: float, out: Singles
+) -> None:
+    """Write how far, in periods, a coarse position in px is from the nearest whole period, (r, w) each.
+
+    center, extent: of the axis in px; longest: the coarsest period in px, after which a position wraps, or infinite.
+    """
+    order = np.empty(position.shape[1], dtype=np.float32)
     for row in range(position.shape[0]):
-        for col in range(position.shape[1]):
-            raw = position[row, col] * per_px - cycle[row, col]
-            whole = np.rint(raw)
-            order[row, col] = whole
-            distance[row, col] = raw - whole
+        _nearest(position[row], cycle[row], pitch, order, out[row])
+        _mend_ends(position[row], cycle[row], pitch, center, extent, longest, order, out[row])
 
 
 @_compiled
-def mend_ends(
-    position: Singles,
+def refine_rows(
     cycle: Singles,
+    cycle_sigma: Singles,
     pitch: float,
     center: float,
     extent: float,
     longest: float,
-    order: Singles,
-    distance: Singles,
-) -> None:
-    """Move pixels at one end of an axis to its other end, in place, where that fits image and phase better.
-
-    (r, w) each; center, extent: of the axis in px; longest: the coarsest period in px, after which a position wraps.
-    """
-    per_px, middle, half = np.float32(1 / pitch), np.float32(center / pitch), np.float32(extent / 2 / pitch)
-    core, rim, turn, zero = np.float32(center), np.float32(extent / 2 - pitch), np.float32(longest), np.float32(0)
-    for row in range(position.shape[0]):
-        for col in range(position.shape[1]):
-            off, place = position[row, col] - core, cycle[row, col]
-            raw = (position[row, col] - (turn if off > zero else -turn)) * per_px - place
-            other = np.rint(raw)
-            there = abs(raw - other) + max(abs(place + other - middle) - half, zero)
-            here = abs(distance[row, col]) + max(abs(place + order[row, col] - middle) - half, zero)
-            better = (abs(off) > rim) & (there < here)
-            order[row, col] = other if better else order[row, col]
-            distance[row, col] = raw - other if better else distance[row, col]
-
-
-@_compiled
-def choose_period(
-    order: Singles,
-    distance: Singles,
-    cycle: Singles,
-    cycle_sigma: Singles,
-    pitch: float,
     beyond: float,
     reach: float,
     log_odds: float,
@@ -89,34 +63,88 @@ def choose_period(
 ) -> None:
     """Turn a coarse position and sigma in px (r, w) into those of the chosen period; take doubtful pixels out of mask.
 
-    cycle_sigma in periods; beyond: variance in periods squared that the picture shows above what both sigmas predict.
-    A distance counts up to `reach` periods, and up to where the odds are exp(log_odds). confidence is multiplied by
-    odds / (1 + odds).
+    cycle, cycle_sigma in periods; beyond: variance in periods squared that the picture shows above what both sigmas
+    predict. A distance counts up to `reach` periods, and up to where the odds are exp(log_odds). confidence is
+    multiplied by odds / (1 + odds) where mask says. Else as `distances`.
     """
-    per_px, wide, surely = np.float32(1 / pitch), np.float32(pitch), np.float32(log_odds)
-    more, most, least = np.float32(beyond), np.float32(reach), np.float32(1e-6)
-    half, one, two = np.float32(0.5), np.float32(1), np.float32(2)
-    odds = np.empty(order.shape[1], dtype=np.float32)
-    for row in range(order.shape[0]):
-        away, own, far, kept = distance[row], cycle_sigma[row], sigma[row], mask[row]
-        for col in range(len(odds)):
-            coarse = far[col] * per_px
-            far[col] = coarse * coarse + own[col] * own[col] + more
-        for col in range(len(odds)):
-            kept[col] &= abs(away[col]) < min(most, half - surely * far[col])
-        for col in range(len(odds)):
-            odds[col] = (one - two * abs(away[col])) / (two * max(far[col], least))
-        doubtful = 0
-        for col in range(len(odds)):
-            doubtful += kept[col] & (odds[col] < _CERTAIN)
-        if doubtful:
-            for col in range(len(odds)):
-                if kept[col] & (odds[col] < _CERTAIN):
-                    confidence[row, col] /= one + np.exp(-odds[col])
-        for col in range(len(odds)):
-            position[row, col] = (cycle[row, col] + order[row, col]) * wide
-        for col in range(len(odds)):
-            far[col] = own[col] * wide
+    order, distance = np.empty(cycle.shape[1], dtype=np.float32), np.empty(cycle.shape[1], dtype=np.float32)
+    per_px, wide, more = np.float32(1 / pitch), np.float32(pitch), np.float32(beyond)
+    for row in range(cycle.shape[0]):
+        here, own, far = cycle[row], cycle_sigma[row], sigma[row]
+        _nearest(position[row], here, pitch, order, distance)
+        _mend_ends(position[row], here, pitch, center, extent, longest, order, distance)
+        for k in range(len(far)):
+            coarse = far[k] * per_px
+            far[k] = coarse * coarse + own[k] * own[k] + more
+        _choose(distance, far, reach, log_odds, confidence[row], mask[row])
+        for k in range(len(far)):
+            far[k] = own[k] * wide
+        to = position[row]
+        for k in range(len(far)):
+            to[k] = (here[k] + order[k]) * wide
+
+
+@_compiled
+def _nearest(position: Singles, cycle: Singles, pitch: float, order: Singles, distance: Singles) -> None:
+    """Write the whole periods (w,) that bring cycle nearest to position / pitch, and what is left, in periods."""
+    per_px = np.float32(1 / pitch)
+    for k in range(len(position)):
+        raw = position[k] * per_px - cycle[k]
+        whole = np.rint(raw)
+        order[k] = whole
+        distance[k] = raw - whole
+
+
+@_compiled
+def _mend_ends(
+    position: Singles,
+    cycle: Singles,
+    pitch: float,
+    center: float,
+    extent: float,
+    longest: float,
+    order: Singles,
+    distance: Singles,
+) -> None:
+    """Move pixels (w,) at one end of an axis to its other end, in place, where that fits image and phase better."""
+    if longest == np.inf:
+        return
+    per_px, middle, half = np.float32(1 / pitch), np.float32(center / pitch), np.float32(extent / 2 / pitch)
+    core, rim, turn, zero = np.float32(center), np.float32(extent / 2 - pitch), np.float32(longest), np.float32(0)
+    for k in range(len(position)):
+        off, place = position[k] - core, cycle[k]
+        raw = (position[k] - (turn if off > zero else -turn)) * per_px - place
+        other = np.rint(raw)
+        there = abs(raw - other) + max(abs(place + other - middle) - half, zero)
+        here = abs(distance[k]) + max(abs(place + order[k] - middle) - half, zero)
+        better = (abs(off) > rim) & (there < here)
+        order[k] = other if better else order[k]
+        distance[k] = raw - other if better else distance[k]
+
+
+@_compiled
+def _choose(
+    distance: Singles, variance: Singles, reach: float, log_odds: float, confidence: Singles, mask: Mask
+) -> None:
+    """Judge distances (w,) of a variance (w,) in periods squared: see `refine_rows`. Overwrites variance."""
+    surely, most, least, half, one = (
+        np.float32(log_odds),
+        np.float32(reach),
+        np.float32(1e-6),
+        np.float32(0.5),
+        np.float32(1),
+    )
+    for k in range(len(mask)):
+        mask[k] &= abs(distance[k]) < min(most, half - surely * variance[k])
+    for k in range(len(mask)):
+        variance[k] = (half - abs(distance[k])) / max(variance[k], least)
+    odds, doubtful = variance, 0
+    for k in range(len(mask)):
+        doubtful += mask[k] & (odds[k] < _CERTAIN)
+    if doubtful:
+        for k in range(len(mask)):
+            if mask[k] & (odds[k] < _CERTAIN):
+                confidence[k] /= one + np.exp(-odds[k])
 
 
 @_compiled

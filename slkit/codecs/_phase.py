@@ -13,7 +13,7 @@ import numpy.typing as npt
 from slkit.codecs._gray_code import Mask
 from slkit.codecs._masks import Levels, Reader, Tiles, levels, refuse_empty, saturation, without_rim
 from slkit.codecs._noise import Evidence, NoiseCurve, noise_curve
-from slkit.codecs._rows import over_blocks, over_rows
+from slkit.codecs._rows import over_large_blocks, over_rows
 from slkit.data import Float32s, Image
 
 Cut = Callable[[npt.NDArray[Any]], npt.NDArray[Any]]
@@ -46,17 +46,16 @@ class FringeSet:
         """Return the set as some of its pixels see it."""
         return replace(self, frames=tuple(cut(frame) for frame in self.frames))
 
-    def sums(self) -> Float32s:
-        """Return the frames' sums, weighted by cosine and sine of their shifts, and plainly: see `empty_sums`.
+    def add_up(self, sums: Float32s) -> None:
+        """Write the frames' sums, weighted by cosine and sine of their shifts, and plainly: see `CHUNK`.
 
         Source: the N-step algorithm; for evenly spaced shifts its two sums are the least-squares solution.
         """
-        from slkit.codecs._wave_kernels import add_steps, empty_sums
+        from slkit.codecs._wave_kernels import add_steps
 
-        sums = empty_sums(self.frames[0].shape)
-        for (a, b, c, d), weights in _fours(self.steps, self.sign):
-            add_steps(self.frames[a], self.frames[b], self.frames[c], self.frames[d], weights, sums)
-        return sums
+        for index, ((a, b, c, d), weights) in enumerate(_fours(self.steps, self.sign)):
+            four = self.frames[a], self.frames[b], self.frames[c], self.frames[d]
+            add_steps(*four, weights, index == 0, sums)
 
     def mark_saturated(self, saturated: Mask) -> None:
         """Mark where any frame is at full scale, (h, w)."""
@@ -65,6 +64,13 @@ class FringeSet:
         for four, _ in _fours(self.steps, self.sign):
             a, b, c, d = (self.frames[step] for step in four)
             mark_saturated(a, b, c, d, self.most[list(four)], saturated)
+
+
+def sums_over(rows: int, width: int) -> Float32s:
+    """Return memory for the sums over some rows of a picture: see `CHUNK`."""
+    from slkit.codecs._wave_kernels import CHUNK
+
+    return np.empty((rows, -(-width // CHUNK), 3 * CHUNK), dtype=np.float32)
 
 
 @cache
@@ -158,20 +164,21 @@ def modulated(sets: Sequence[FringeSet], noise: NoiseCurve, within: Mask | None,
     shape = sets[0].frames[0].shape
     lit, saturated, good = (np.empty(shape, dtype=np.bool_) for _ in range(3))
 
-    def block(rows: slice) -> None:
+    def block(rows: slice, sums: Float32s) -> None:
         bright, burnt = lit[rows], saturated[rows]
         bright[:], burnt[:] = True, False
         for fringes in sets:
             part = fringes.part(lambda frame: frame[rows])
             part.mark_saturated(burnt)
-            keep_lit(part.sums(), fringes.steps, noise.numbers, min_snr, bright)
+            part.add_up(sums)
+            keep_lit(sums, fringes.steps, noise.numbers, min_snr, bright)
             if fringes.burnt is not None:
                 burnt |= fringes.burnt[rows]
         np.greater(bright, burnt, out=good[rows])
         if within is not None:
             good[rows] &= within[rows]
 
-    over_blocks(block, shape)
+    over_large_blocks(lambda rows: sums_over(rows, shape[1]), block, shape)
     mask = _without_rings(good)
     refuse_empty(mask, lit, saturated)
     return mask

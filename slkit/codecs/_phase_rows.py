@@ -10,8 +10,8 @@ import numpy as np
 from slkit.codecs._footprint import VARIANCE
 from slkit.codecs._gray_code import Mask
 from slkit.codecs._masks import colors_at
-from slkit.codecs._rows import over_blocks, over_rows
-from slkit.codecs._unwrap import Ladder, Place, row_counts
+from slkit.codecs._rows import over_large_blocks, over_rows
+from slkit.codecs._unwrap import Ladder, Place, Scratch, row_counts
 from slkit.data import Correspondences, Float32s, Image
 from slkit.errors import DecodeError
 
@@ -37,20 +37,22 @@ def climb_all(ladders: Sequence[Ladder], mask: Mask) -> tuple[list[AxisMaps], Fl
     from slkit.codecs._period_kernels import blank_outside
 
     beyond = [ladder.unforeseen(mask) for ladder in ladders]
-    confidence, known = np.empty(mask.shape, dtype=np.float32), mask.copy()
-    maps = [AxisMaps(*(np.empty_like(confidence) for _ in range(3)), ladder.sets[-1].pitch / 2) for ladder in ladders]
+    # One piece of memory, because the system hands out a large one faster than several.
+    confidence, *rest = np.empty((1 + 3 * len(ladders), *mask.shape), dtype=np.float32)
+    maps = [AxisMaps(*rest[3 * i : 3 * i + 3], ladder.sets[-1].pitch / 2) for i, ladder in enumerate(ladders)]
+    known = mask.copy()
 
-    def block(rows: slice) -> None:
+    def block(rows: slice, scratch: Scratch) -> None:
         confidence[rows] = 1
         for ladder, found, more in zip(ladders, maps, beyond, strict=True):
             light = found.light[rows]
             place = Place(found.position[rows], found.sigma[rows], confidence[rows], mask[rows].copy())
-            ladder.part(lambda pixels: pixels[rows]).climb(place, light, more)
+            ladder.part(lambda pixels: pixels[rows]).climb(place, light, scratch, more)
             np.log(np.maximum(light, np.float32(1), out=light), out=light)
             blank_outside(place.mask, place.position)
             known[rows] &= place.mask
 
-    over_blocks(block, mask.shape)
+    over_large_blocks(lambda rows: Scratch.of(rows, mask.shape[1]), block, mask.shape)
     if not known.any():
         raise DecodeError("no period could be told anywhere: the sets of fringes contradict each other or the bounds")
     return maps, confidence, known
@@ -67,8 +69,9 @@ def correspondences(maps: Mapping[int, AxisMaps], confidence: Float32s, mask: Ma
     from slkit.codecs._wave_kernels import write_seen
 
     starts, total = row_counts(mask)
-    camera_xy, value, spread = (np.empty((total, 2), dtype=np.float32) for _ in range(3))
-    chance, color = np.empty(total, dtype=np.float32), np.empty((total, 3), dtype=np.float32)
+    # In one piece of memory, as above.
+    camera_xy, value, spread, chance, color = _pieces(total, (2, 2, 2, 1, 3))
+    chance = chance[:, 0]
     grey, brightest = (lit if lit.ndim == 2 else lit[..., 0]), float(max(int(lit.max()), 1))
 
     def work(first: int, last: int) -> None:
@@ -80,3 +83,9 @@ def correspondences(maps: Mapping[int, AxisMaps], confidence: Float32s, mask: Ma
 
     over_rows(work, len(mask))
     return Correspondences(camera_xy, value, spread, chance, color if lit.ndim == 2 else colors_at(lit, camera_xy))
+
+
+def _pieces(rows: int, widths: Sequence[int]) -> list[Float32s]:
+    """Return arrays (rows, width) of one piece of memory."""
+    ends = rows * np.cumsum(widths)
+    return [part.reshape(rows, -1) for part in np.split(np.empty(ends[-1], dtype=np.float32), ends[:-1])]

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from slkit.codecs._gray_code import Mask
-from slkit.codecs._phase import Cut, FringeSet
+from slkit.codecs._phase import Cut, FringeSet, sums_over
 from slkit.codecs._rows import over_rows
 from slkit.data import Float32s
 
@@ -42,6 +42,21 @@ class Place:
     def part(self, cut: Cut) -> Place:
         """Return some of the pixels."""
         return Place(cut(self.position), cut(self.sigma), cut(self.confidence), cut(self.mask))
+
+
+@dataclass(frozen=True, eq=False)
+class Scratch:
+    """Memory for what is only needed within some rows: sums (see `CHUNK`); cycle, sigma (r, w) of a set in periods."""
+
+    sums: Float32s
+    cycle: Float32s
+    sigma: Float32s
+
+    @classmethod
+    def of(cls, rows: int, width: int) -> Scratch:
+        """Return the memory for so many rows."""
+        cycle, sigma = (np.empty((rows, width), dtype=np.float32) for _ in range(2))
+        return cls(sums_over(rows, width), cycle, sigma)
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,24 +95,25 @@ class Ladder:
         cut = sample(mask, _SAMPLE_PX)
         some = self.part(cut)
         place = Place.blank(cut(mask))
-        return some.climb(place, np.empty_like(place.position), None)
+        return some.climb(place, np.empty_like(place.position), Scratch.of(*place.mask.shape), None)
 
-    def climb(self, place: Place, modulation: Float32s, beyond: Sequence[float] | None) -> list[float]:
+    def climb(
+        self, place: Place, modulation: Float32s, scratch: Scratch, beyond: Sequence[float] | None
+    ) -> list[float]:
         """Write the place on the finest set and its modulation (h, w) in grey levels; take doubtful pixels out of mask.
 
         place: its mask says which pixels count, its confidence is multiplied; the rest is written. beyond: as
         `unforeseen`, and returned as it was; None: it is measured in these very pixels.
         """
-        from slkit.codecs._wave_kernels import amplitude_of, arctangent, chance_of, phase_of
+        from slkit.codecs._wave_kernels import arctangent, wave_rows
 
-        cycle, own = np.empty_like(modulation), np.empty_like(modulation)
+        cycle, own = scratch.cycle[: len(modulation)], scratch.sigma[: len(modulation)]
         found: list[float] = []
         self._begin(place)
         for index, fringes in enumerate(self.sets):
-            sums = fringes.sums()
-            phase_of(sums, fringes.offset, arctangent(), cycle)
-            amplitude_of(sums, fringes.steps, self.noise, modulation, own)
-            chance_of(own, place.mask, place.confidence)
+            fringes.add_up(scratch.sums)
+            told = scratch.sums, fringes.steps, fringes.offset, self.noise, arctangent()
+            wave_rows(*told, place.mask, cycle, own, modulation, place.confidence)
             if index == 0 and self.start is None:
                 self._place_alone(place, cycle, own)
                 found.append(0.0)
@@ -144,17 +160,15 @@ class Ladder:
         exp((1 - 2 |d|) / (2 s^2)), and the confidence is multiplied by odds / (1 + odds). The spread s is that
         predicted from noise, widened by what the distances of the whole picture show beyond it (gamma, stray light).
         """
-        from slkit.codecs._period_kernels import choose_period, mend_ends, nearest_period
+        from slkit.codecs._period_kernels import distances, refine_rows
 
-        order, distance = np.empty_like(cycle), np.empty_like(cycle)
-        nearest_period(place.position, cycle, pitch, order, distance)
-        if self._longest is not None:
-            axis = (self.extent - 1) / 2, float(self.extent), self._longest
-            mend_ends(place.position, cycle, pitch, *axis, order, distance)
+        axis = (self.extent - 1) / 2, float(self.extent), np.inf if self._longest is None else self._longest
         if beyond is None:
+            distance = np.empty_like(cycle)
+            distances(place.position, cycle, pitch, *axis, distance)
             beyond = _unforeseen(distance, place, own, pitch)
-        told = order, distance, cycle, own, pitch, beyond, self.reach, _LOG_ODDS
-        choose_period(*told, place.position, place.sigma, place.confidence, place.mask)
+        told = cycle, own, pitch, *axis, beyond, self.reach, _LOG_ODDS
+        refine_rows(*told, place.position, place.sigma, place.confidence, place.mask)
         return beyond
 
     def _keep_inside(self, place: Place) -> None:
@@ -181,7 +195,7 @@ def row_counts(mask: Mask) -> tuple[Longs, int]:
     from slkit.codecs._patch_kernels import count_rows
 
     counts = np.empty(len(mask), dtype=np.int64)
-    over_rows(lambda first, last: count_rows(mask[first:last], counts[first:last]), len(mask))
+    count_rows(mask, counts)
     return np.cumsum(counts) - counts, int(counts.sum())
 
 

@@ -41,24 +41,23 @@ def _atan_over_x(square: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     return np.arctan(x) / x
 
 
-def empty_sums(shape: tuple[int, int]) -> Singles:
-    """Return sums of no frames over pixels (r, w), in chunks of a row: (r, ceil(w / CHUNK), 3 CHUNK)."""
-    return np.zeros((shape[0], -(-shape[1] // CHUNK), 3 * CHUNK), dtype=np.float32)
-
-
 @_compiled
-def add_steps(one: Levels, two: Levels, three: Levels, four: Levels, weights: Singles, sums: Singles) -> None:
-    """Add four shifted frames (r, w) to the sums over a set: see `empty_sums`.
+def add_steps(
+    one: Levels, two: Levels, three: Levels, four: Levels, weights: Singles, afresh: bool, sums: Singles
+) -> None:
+    """Add four shifted frames (r, w) to the sums over a set (r, chunks, 3 CHUNK), or begin these afresh: see `CHUNK`.
 
     weights (4, 3): the cosine and sine of each frame's shift, and 1; 0, 0, 0 for a frame that is not to count.
     """
     c0, c1, c2, c3 = weights[0, 0], weights[1, 0], weights[2, 0], weights[3, 0]
     s0, s1, s2, s3 = weights[0, 1], weights[1, 1], weights[2, 1], weights[3, 1]
     t0, t1, t2, t3 = weights[0, 2], weights[1, 2], weights[2, 2], weights[3, 2]
-    for row in range(sums.shape[0]):
+    for row in range(one.shape[0]):
         for chunk in range(sums.shape[1]):
             to, cut = sums[row, chunk], slice(chunk * CHUNK, (chunk + 1) * CHUNK)
             p, q, r, s = one[row, cut], two[row, cut], three[row, cut], four[row, cut]
+            if afresh:
+                to[:] = 0
             for k in range(len(p)):
                 a, b, c, d = np.float32(p[k]), np.float32(q[k]), np.float32(r[k]), np.float32(s[k])
                 to[k] = to[k] + c0 * a + c1 * b + c2 * c + c3 * d
@@ -84,7 +83,7 @@ def keep_lit(sums: Singles, steps: int, noise: Singles, snr: float, lit: Mask) -
     """
     square, mean = np.float32((steps * snr / 2) ** 2), np.float32(1 / steps)
     least, gain, dark, zero = noise[0], noise[1], noise[2], np.float32(0)
-    for row in range(sums.shape[0]):
+    for row in range(lit.shape[0]):
         for chunk in range(sums.shape[1]):
             here, out = sums[row, chunk], lit[row, chunk * CHUNK : (chunk + 1) * CHUNK]
             for k in range(len(out)):
@@ -94,67 +93,77 @@ def keep_lit(sums: Singles, steps: int, noise: Singles, snr: float, lit: Mask) -
 
 
 @_compiled
-def phase_of(sums: Singles, offset: float, p: Singles, cycle: Singles) -> None:
-    """Write the phase (r, w) that sums show, in periods, 0 to 1, less offset in radians; p (8,): `arctangent`."""
+def wave_rows(
+    sums: Singles,
+    steps: int,
+    offset: float,
+    noise: Singles,
+    p: Singles,
+    mask: Mask,
+    cycle: Singles,
+    sigma: Singles,
+    modulation: Singles,
+    confidence: Singles,
+) -> None:
+    """Write what the sums over a set of `steps` frames tell, (r, w) each; noise (3,): as `keep_lit`.
+
+    cycle: the phase in periods, 0 to 1, less offset in radians; sigma: 1 sigma of it, sqrt(2 / steps) / (2 pi) noise /
+    modulation; modulation in grey levels. Where mask says, confidence is multiplied by the chance that noise alone
+    would modulate less, 1 - exp(-steps snr^2 / 4) after Rayleigh. p (8,): `arctangent`.
+    """
+    for row in range(cycle.shape[0]):
+        for chunk in range(sums.shape[1]):
+            here, cut = sums[row, chunk], slice(chunk * CHUNK, (chunk + 1) * CHUNK)
+            _phase(here, offset, p, cycle[row, cut])
+            _amplitude(here, steps, noise, modulation[row, cut], sigma[row, cut])
+            _chance(sigma[row, cut], mask[row, cut], confidence[row, cut])
+
+
+@_compiled
+def _phase(here: Singles, offset: float, p: Singles, cycle: Singles) -> None:
     p0, p1, p2, p3, p4, p5, p6, p7 = p[0], p[1], p[2], p[3], p[4], p[5], p[6], p[7]
     turn, start = np.float32(1 / (2 * np.pi)), np.float32(offset / (2 * np.pi))
     zero, one, quarter, half = np.float32(0), np.float32(1), np.float32(np.pi / 2), np.float32(np.pi)
-    for row in range(sums.shape[0]):
-        for chunk in range(sums.shape[1]):
-            here, out = sums[row, chunk], cycle[row, chunk * CHUNK : (chunk + 1) * CHUNK]
-            for k in range(len(out)):
-                x, y = here[k], here[_SINE + k]
-                a, b = abs(x), abs(y)
-                low, high = min(a, b), max(a, b)
-                ratio = low / high if high > zero else zero
-                t = ratio * ratio
-                angle = ratio * (p0 + t * (p1 + t * (p2 + t * (p3 + t * (p4 + t * (p5 + t * (p6 + t * p7)))))))
-                angle = quarter - angle if b > a else angle
-                angle = half - angle if x < zero else angle
-                angle = -angle if y < zero else angle
-                place = angle * turn - start
-                place -= np.floor(place)
-                out[k] = zero if place >= one else place
+    for k in range(len(cycle)):
+        x, y = here[k], here[_SINE + k]
+        a, b = abs(x), abs(y)
+        low, high = min(a, b), max(a, b)
+        ratio = low / high if high > zero else zero
+        t = ratio * ratio
+        angle = ratio * (p0 + t * (p1 + t * (p2 + t * (p3 + t * (p4 + t * (p5 + t * (p6 + t * p7)))))))
+        angle = quarter - angle if b > a else angle
+        angle = half - angle if x < zero else angle
+        angle = -angle if y < zero else angle
+        place = angle * turn - start
+        place -= np.floor(place)
+        cycle[k] = zero if place >= one else place
 
 
 @_compiled
-def amplitude_of(sums: Singles, steps: int, noise: Singles, modulation: Singles, sigma: Singles) -> None:
-    """Write the modulation in grey levels and 1 sigma of the phase in periods, (r, w) each, that sums show.
-
-    sigma: sqrt(2 / steps) / (2 pi) noise / modulation; noise (3,): as `keep_lit`.
-    """
+def _amplitude(here: Singles, steps: int, noise: Singles, modulation: Singles, sigma: Singles) -> None:
     share, mean = np.float32(2 / steps), np.float32(1 / steps)
     least, gain, dark, zero = noise[0], noise[1], noise[2], np.float32(0)
     scale, lowest = np.float32(np.sqrt(2 / steps) / (2 * np.pi)), np.float32(_LEAST_SNR)
-    for row in range(sums.shape[0]):
-        for chunk in range(sums.shape[1]):
-            here, cut = sums[row, chunk], slice(chunk * CHUNK, (chunk + 1) * CHUNK)
-            high, out = modulation[row, cut], sigma[row, cut]
-            for k in range(len(out)):
-                x, y = here[k], here[_SINE + k]
-                size = np.sqrt(x * x + y * y) * share
-                variance = least + gain * max(here[_TOTAL + k] * mean - dark, zero)
-                high[k] = size
-                out[k] = scale / max(size / np.sqrt(variance), lowest)
+    for k in range(len(sigma)):
+        x, y = here[k], here[_SINE + k]
+        size = np.sqrt(x * x + y * y) * share
+        variance = least + gain * max(here[_TOTAL + k] * mean - dark, zero)
+        modulation[k] = size
+        sigma[k] = scale / max(size / np.sqrt(variance), lowest)
 
 
 @_compiled
-def chance_of(sigma: Singles, mask: Mask, confidence: Singles) -> None:
-    """Multiply confidence by the chance that noise alone would modulate less, where mask says, (r, w) each.
-
-    That is 1 - exp(-steps snr^2 / 4) after Rayleigh; sigma (r, w), of the phase in periods, tells snr: `amplitude_of`.
-    """
+def _chance(sigma: Singles, mask: Mask, confidence: Singles) -> None:
+    # The exponent is steps / 4 snr^2 = 1 / (8 pi^2 sigma^2).
     scale = np.float32(1 / (8 * np.pi**2))
     least = np.sqrt(scale / _CERTAIN)
-    for row in range(sigma.shape[0]):
-        own, kept = sigma[row], mask[row]
-        doubtful = 0
-        for col in range(len(own)):
-            doubtful += kept[col] & (own[col] > least)
-        if doubtful:
-            for col in range(len(own)):
-                if kept[col] & (own[col] > least):
-                    confidence[row, col] *= -np.expm1(-scale / (own[col] * own[col]))
+    doubtful = 0
+    for k in range(len(sigma)):
+        doubtful += mask[k] & (sigma[k] > least)
+    if doubtful:
+        for k in range(len(sigma)):
+            if mask[k] & (sigma[k] > least):
+                confidence[k] *= -np.expm1(-scale / (sigma[k] * sigma[k]))
 
 
 @_compiled
