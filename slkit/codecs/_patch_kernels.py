@@ -104,11 +104,19 @@ def pick_pixels(first: int, mask: Mask, starts: Longs, step: int, at: Longs) -> 
 
     starts (r,): how many pixels of the mask lie above each row.
     """
-    width = mask.shape[1]
+    width, run = mask.shape[1], 64
     for row in range(mask.shape[0]):
-        count = starts[row]
-        for col in range(width):
-            if mask[row, col]:
-                if count % step == 0:
-                    at[count // step] = (first + row) * width + col
-                count += 1
+        count, here = starts[row], mask[row]
+        due = (count + step - 1) // step
+        for left in range(0, width, run):
+            some, before = here[left : left + run], count
+            for k in range(len(some)):
+                count += some[k]
+            if count <= due * step:
+                continue
+            for k in range(len(some)):
+                if some[k]:
+                    if before == due * step:
+                        at[due] = (first + row) * width + left + k
+                        due += 1
+                    before += 1

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
@@ -46,31 +46,15 @@ class FringeSet:
         """Return the set as some of its pixels see it."""
         return replace(self, frames=tuple(cut(frame) for frame in self.frames))
 
-    def add_up(self, sums: Float32s) -> None:
-        """Write the frames' sums, weighted by cosine and sine of their shifts, and plainly: see `CHUNK`.
+    def fours(self) -> Iterator[tuple[Any, ...]]:
+        """Return the set in groups of four frames, as `wave_rows` takes them: frames, weights, most, first, last.
 
         Source: the N-step algorithm; for evenly spaced shifts its two sums are the least-squares solution.
         """
-        from slkit.codecs._wave_kernels import add_steps
-
-        for index, ((a, b, c, d), weights) in enumerate(_fours(self.steps, self.sign)):
-            four = self.frames[a], self.frames[b], self.frames[c], self.frames[d]
-            add_steps(*four, weights, index == 0, sums)
-
-    def mark_saturated(self, saturated: Mask) -> None:
-        """Mark where any frame is at full scale, (h, w)."""
-        from slkit.codecs._wave_kernels import mark_saturated
-
-        for four, _ in _fours(self.steps, self.sign):
-            a, b, c, d = (self.frames[step] for step in four)
-            mark_saturated(a, b, c, d, self.most[list(four)], saturated)
-
-
-def sums_over(rows: int, width: int) -> Float32s:
-    """Return memory for the sums over some rows of a picture: see `CHUNK`."""
-    from slkit.codecs._wave_kernels import CHUNK
-
-    return np.empty((rows, -(-width // CHUNK), 3 * CHUNK), dtype=np.float32)
+        groups = _fours(self.steps, self.sign)
+        for index, (four, weights) in enumerate(groups):
+            frames = (self.frames[step] for step in four)
+            yield *frames, weights, self.most[list(four)], index == 0, index == len(groups) - 1
 
 
 @cache
@@ -159,26 +143,24 @@ def modulated(sets: Sequence[FringeSet], noise: NoiseCurve, within: Mask | None,
     Two rings at the rim are left out: the modulation of a rim is large enough to be read long after its place has
     become its neighbour's. within (h, w): where to look. Errors: DecodeError where nothing is left.
     """
-    from slkit.codecs._wave_kernels import keep_lit
+    from slkit.codecs._wave_kernels import lit_rows, sums_for
 
-    shape = sets[0].frames[0].shape
+    shape, steps = sets[0].frames[0].shape, max(fringes.steps for fringes in sets)
     lit, saturated, good = (np.empty(shape, dtype=np.bool_) for _ in range(3))
 
     def block(rows: slice, sums: Float32s) -> None:
         bright, burnt = lit[rows], saturated[rows]
         bright[:], burnt[:] = True, False
         for fringes in sets:
-            part = fringes.part(lambda frame: frame[rows])
-            part.mark_saturated(burnt)
-            part.add_up(sums)
-            keep_lit(sums, fringes.steps, noise.numbers, min_snr, bright)
+            for four in fringes.part(lambda frame: frame[rows]).fours():
+                lit_rows(*four, sums, fringes.steps, noise.numbers, min_snr, bright, burnt)
             if fringes.burnt is not None:
                 burnt |= fringes.burnt[rows]
         np.greater(bright, burnt, out=good[rows])
         if within is not None:
             good[rows] &= within[rows]
 
-    over_large_blocks(lambda rows: sums_over(rows, shape[1]), block, shape)
+    over_large_blocks(lambda rows: sums_for(steps, rows, shape[1]), block, shape)
     mask = _without_rings(good)
     refuse_empty(mask, lit, saturated)
     return mask

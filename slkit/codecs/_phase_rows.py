@@ -42,17 +42,17 @@ def climb_all(ladders: Sequence[Ladder], mask: Mask) -> tuple[list[AxisMaps], Fl
     maps = [AxisMaps(*rest[3 * i : 3 * i + 3], ladder.sets[-1].pitch / 2) for i, ladder in enumerate(ladders)]
     known = mask.copy()
 
-    def block(rows: slice, scratch: Scratch) -> None:
+    def block(rows: slice, scratch: list[Scratch]) -> None:
         confidence[rows] = 1
-        for ladder, found, more in zip(ladders, maps, beyond, strict=True):
+        for ladder, found, more, aside in zip(ladders, maps, beyond, scratch, strict=True):
             light = found.light[rows]
             place = Place(found.position[rows], found.sigma[rows], confidence[rows], mask[rows].copy())
-            ladder.part(lambda pixels: pixels[rows]).climb(place, light, scratch, more)
+            ladder.part(lambda pixels: pixels[rows]).climb(place, light, aside, more)
             np.log(np.maximum(light, np.float32(1), out=light), out=light)
             blank_outside(place.mask, place.position)
             known[rows] &= place.mask
 
-    over_large_blocks(lambda rows: Scratch.of(rows, mask.shape[1]), block, mask.shape)
+    over_large_blocks(lambda rows: [ladder.scratch(rows, mask.shape[1]) for ladder in ladders], block, mask.shape)
     if not known.any():
         raise DecodeError("no period could be told anywhere: the sets of fringes contradict each other or the bounds")
     return maps, confidence, known

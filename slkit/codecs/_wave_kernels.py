@@ -21,6 +21,8 @@ _CERTAIN = np.float32(17.0)
 _TERMS = 8
 _LEAST_SNR = 1e-3
 
+FRAMES = 4
+"""So many frames are taken at a time."""
 CHUNK = 512
 """Pixels whose sums lie side by side: cosine, sine and total of so many, then those of the next.
 
@@ -41,63 +43,63 @@ def _atan_over_x(square: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     return np.arctan(x) / x
 
 
+def sums_for(steps: int, rows: int, width: int) -> Singles:
+    """Return memory for the sums over sets of at most so many frames, (r, c, 3 CHUNK) or, used again, (1, 1, 3 CHUNK).
+
+    More than four frames are added by several calls, so that each chunk of pixels needs sums of its own.
+    """
+    shape = (rows, -(-width // CHUNK)) if steps > FRAMES else (1, 1)
+    return np.empty((*shape, 3 * CHUNK), dtype=np.float32)
+
+
 @_compiled
-def add_steps(
-    one: Levels, two: Levels, three: Levels, four: Levels, weights: Singles, afresh: bool, sums: Singles
+def lit_rows(
+    one: Levels,
+    two: Levels,
+    three: Levels,
+    four: Levels,
+    weights: Singles,
+    most: Levels,
+    first: bool,
+    last: bool,
+    sums: Singles,
+    steps: int,
+    noise: Singles,
+    snr: float,
+    lit: Mask,
+    saturated: Mask,
 ) -> None:
-    """Add four shifted frames (r, w) to the sums over a set (r, chunks, 3 CHUNK), or begin these afresh: see `CHUNK`.
+    """Take four frames of a set (r, w) into its sums, and mark where one is saturated.
 
-    weights (4, 3): the cosine and sine of each frame's shift, and 1; 0, 0, 0 for a frame that is not to count.
+    With the last, take out of lit (r, w) where the modulation is not above snr times the noise of one frame. most (4,):
+    the highest level of each frame that is not saturated; noise (3,): variance in dark, its gain a level, the dark
+    level; steps: of the whole set; else as `wave_rows`.
     """
-    c0, c1, c2, c3 = weights[0, 0], weights[1, 0], weights[2, 0], weights[3, 0]
-    s0, s1, s2, s3 = weights[0, 1], weights[1, 1], weights[2, 1], weights[3, 1]
-    t0, t1, t2, t3 = weights[0, 2], weights[1, 2], weights[2, 2], weights[3, 2]
-    for row in range(one.shape[0]):
-        for chunk in range(sums.shape[1]):
-            to, cut = sums[row, chunk], slice(chunk * CHUNK, (chunk + 1) * CHUNK)
-            p, q, r, s = one[row, cut], two[row, cut], three[row, cut], four[row, cut]
-            if afresh:
-                to[:] = 0
-            for k in range(len(p)):
-                a, b, c, d = np.float32(p[k]), np.float32(q[k]), np.float32(r[k]), np.float32(s[k])
-                to[k] = to[k] + c0 * a + c1 * b + c2 * c + c3 * d
-                to[_SINE + k] = to[_SINE + k] + s0 * a + s1 * b + s2 * c + s3 * d
-                to[_TOTAL + k] = to[_TOTAL + k] + t0 * a + t1 * b + t2 * c + t3 * d
-
-
-@_compiled
-def mark_saturated(one: Levels, two: Levels, three: Levels, four: Levels, most: Levels, saturated: Mask) -> None:
-    """Mark where one of four frames (r, w) exceeds its highest level that is not saturated: most (4,)."""
-    m0, m1, m2, m3 = most[0], most[1], most[2], most[3]
-    for row in range(saturated.shape[0]):
-        p, q, r, s, out = one[row], two[row], three[row], four[row], saturated[row]
-        for k in range(len(out)):
-            out[k] |= (p[k] > m0) | (q[k] > m1) | (r[k] > m2) | (s[k] > m3)
-
-
-@_compiled
-def keep_lit(sums: Singles, steps: int, noise: Singles, snr: float, lit: Mask) -> None:
-    """Take out of lit (r, w) where the modulation is not above snr times the noise of one frame.
-
-    noise (3,): variance in dark, its gain a level, the dark level.
-    """
-    square, mean = np.float32((steps * snr / 2) ** 2), np.float32(1 / steps)
-    least, gain, dark, zero = noise[0], noise[1], noise[2], np.float32(0)
     for row in range(lit.shape[0]):
-        for chunk in range(sums.shape[1]):
-            here, out = sums[row, chunk], lit[row, chunk * CHUNK : (chunk + 1) * CHUNK]
-            for k in range(len(out)):
-                x, y = here[k], here[_SINE + k]
-                variance = least + gain * max(here[_TOTAL + k] * mean - dark, zero)
-                out[k] &= x * x + y * y > square * variance
+        for start in range(0, lit.shape[1], CHUNK):
+            to = sums[row % sums.shape[0], start // CHUNK % sums.shape[1]]
+            p, q = one[row, start : start + CHUNK], two[row, start : start + CHUNK]
+            r, s = three[row, start : start + CHUNK], four[row, start : start + CHUNK]
+            _add(p, q, r, s, weights, first, to)
+            _mark_saturated(p, q, r, s, most, saturated[row, start : start + CHUNK])
+            if last:
+                _keep_lit(to, steps, noise, snr, lit[row, start : start + CHUNK])
 
 
 @_compiled
 def wave_rows(
+    one: Levels,
+    two: Levels,
+    three: Levels,
+    four: Levels,
+    weights: Singles,
+    most: Levels,
+    first: bool,
+    last: bool,
     sums: Singles,
     steps: int,
-    offset: float,
     noise: Singles,
+    offset: float,
     p: Singles,
     mask: Mask,
     cycle: Singles,
@@ -105,18 +107,58 @@ def wave_rows(
     modulation: Singles,
     confidence: Singles,
 ) -> None:
-    """Write what the sums over a set of `steps` frames tell, (r, w) each; noise (3,): as `keep_lit`.
+    """Take four frames of a set (r, w) into its sums; with the last, write what these tell, (r, w) each.
+
+    weights (4, 3): the cosine and sine of each frame's shift, and 1; 0, 0, 0 for a frame that is not to count. first,
+    last: whether these frames are the first and the last of the set's `steps`. sums: `sums_for`. noise (3,), most (4,):
+    as `lit_rows`. p (8,): `arctangent`.
 
     cycle: the phase in periods, 0 to 1, less offset in radians; sigma: 1 sigma of it, sqrt(2 / steps) / (2 pi) noise /
     modulation; modulation in grey levels. Where mask says, confidence is multiplied by the chance that noise alone
-    would modulate less, 1 - exp(-steps snr^2 / 4) after Rayleigh. p (8,): `arctangent`.
+    would modulate less, 1 - exp(-steps snr^2 / 4) after Rayleigh.
     """
     for row in range(cycle.shape[0]):
-        for chunk in range(sums.shape[1]):
-            here, cut = sums[row, chunk], slice(chunk * CHUNK, (chunk + 1) * CHUNK)
-            _phase(here, offset, p, cycle[row, cut])
-            _amplitude(here, steps, noise, modulation[row, cut], sigma[row, cut])
-            _chance(sigma[row, cut], mask[row, cut], confidence[row, cut])
+        for start in range(0, cycle.shape[1], CHUNK):
+            cut = slice(start, start + CHUNK)
+            to = sums[row % sums.shape[0], start // CHUNK % sums.shape[1]]
+            _add(one[row, cut], two[row, cut], three[row, cut], four[row, cut], weights, first, to)
+            if last:
+                _phase(to, offset, p, cycle[row, cut])
+                _amplitude(to, steps, noise, modulation[row, cut], sigma[row, cut])
+                _chance(sigma[row, cut], mask[row, cut], confidence[row, cut])
+
+
+@_compiled
+def _add(
+    one: Levels, two: Levels, three: Levels, four: Levels, weights: Singles, afresh: bool, sums: Singles
+) -> None:
+    c0, c1, c2, c3 = weights[0, 0], weights[1, 0], weights[2, 0], weights[3, 0]
+    s0, s1, s2, s3 = weights[0, 1], weights[1, 1], weights[2, 1], weights[3, 1]
+    t0, t1, t2, t3 = weights[0, 2], weights[1, 2], weights[2, 2], weights[3, 2]
+    if afresh:
+        sums[:] = 0
+    for k in range(len(one)):
+        a, b, c, d = np.float32(one[k]), np.float32(two[k]), np.float32(three[k]), np.float32(four[k])
+        sums[k] = sums[k] + c0 * a + c1 * b + c2 * c + c3 * d
+        sums[_SINE + k] = sums[_SINE + k] + s0 * a + s1 * b + s2 * c + s3 * d
+        sums[_TOTAL + k] = sums[_TOTAL + k] + t0 * a + t1 * b + t2 * c + t3 * d
+
+
+@_compiled
+def _mark_saturated(one: Levels, two: Levels, three: Levels, four: Levels, most: Levels, saturated: Mask) -> None:
+    m0, m1, m2, m3 = most[0], most[1], most[2], most[3]
+    for k in range(len(saturated)):
+        saturated[k] |= (one[k] > m0) | (two[k] > m1) | (three[k] > m2) | (four[k] > m3)
+
+
+@_compiled
+def _keep_lit(sums: Singles, steps: int, noise: Singles, snr: float, lit: Mask) -> None:
+    square, mean = np.float32((steps * snr / 2) ** 2), np.float32(1 / steps)
+    least, gain, dark, zero = noise[0], noise[1], noise[2], np.float32(0)
+    for k in range(len(lit)):
+        x, y = sums[k], sums[_SINE + k]
+        variance = least + gain * max(sums[_TOTAL + k] * mean - dark, zero)
+        lit[k] &= x * x + y * y > square * variance
 
 
 @_compiled
