@@ -125,13 +125,8 @@ def _mean_in(tiles: Tiles, fringes: FringeSet, usable: Mask) -> Float32s:
 
     total = np.zeros(usable.shape, dtype=np.float32)
     rows, cols = np.ascontiguousarray(tiles.rows[:, 0]), np.ascontiguousarray(tiles.cols[:, 0])
-
-    def work(first: int, last: int) -> None:
-        part = slice(first, last)
-        for frame, most in zip(fringes.frames, fringes.most, strict=True):
-            add_tiles(frame, most, rows[part], cols[part], total[part], usable[part])
-
-    over_rows(work, len(total))
+    for frame, most in zip(fringes.frames, fringes.most, strict=True):
+        add_tiles(frame, most, rows, cols, total, usable)
     if fringes.burnt is not None:
         usable &= ~tiles.cut(fringes.burnt)
     return total * np.float32(1 / fringes.steps)

@@ -115,17 +115,29 @@ def wave_rows(
 
     cycle: the phase in periods, 0 to 1, less offset in radians; sigma: 1 sigma of it, sqrt(2 / steps) / (2 pi) noise /
     modulation; modulation in grey levels. Where mask says, confidence is multiplied by the chance that noise alone
-    would modulate less, 1 - exp(-steps snr^2 / 4) after Rayleigh.
+    would modulate less, 1 - exp(-steps snr^2 / 4) after Rayleigh. Where mask leaves a chunk of pixels out, only the
+    modulation is written, 0.
     """
     for row in range(cycle.shape[0]):
         for start in range(0, cycle.shape[1], CHUNK):
             cut = slice(start, start + CHUNK)
+            if not _any(mask[row, cut]):
+                modulation[row, cut] = 0
+                continue
             to = sums[row % sums.shape[0], start // CHUNK % sums.shape[1]]
             _add(one[row, cut], two[row, cut], three[row, cut], four[row, cut], weights, first, to)
             if last:
                 _phase(to, offset, p, cycle[row, cut])
                 _amplitude(to, steps, noise, modulation[row, cut], sigma[row, cut])
                 _chance(sigma[row, cut], mask[row, cut], confidence[row, cut])
+
+
+@_compiled
+def _any(mask: Mask) -> bool:
+    count = 0
+    for k in range(len(mask)):
+        count += mask[k]
+    return count > 0
 
 
 @_compiled
