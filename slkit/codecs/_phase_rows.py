@@ -48,7 +48,7 @@ def climb_all(ladders: Sequence[Ladder], mask: Mask) -> tuple[list[AxisMaps], Fl
             light = found.light[rows]
             place = Place(found.position[rows], found.sigma[rows], confidence[rows], mask[rows].copy())
             ladder.part(lambda pixels: pixels[rows]).climb(place, light, aside, more)
-            np.log(np.maximum(light, np.float32(1), out=light), out=light)
+            np.log(light, out=light)
             blank_outside(place.mask, place.position)
             known[rows] &= place.mask
 

@@ -52,6 +52,7 @@ class Scratch:
     cycle: Float32s
     sigma: Float32s
 
+
 @dataclass(frozen=True, eq=False)
 class Ladder:
     """How the sets of one axis are joined.
@@ -88,32 +89,30 @@ class Ladder:
         return pitch if self.start is None and holds_axis(pitch, self.extent) else None
 
     def unforeseen(self, mask: Mask) -> list[float]:
-        """Return, for each set, by how much its distances vary beyond noise (see `_refine`), from some pixels of mask.
+        """Return, for each set, by how much its distances vary beyond noise (see `_refine`), as variances in periods squared.
 
-        Variances in periods squared.
+        From some of the pixels of mask (h, w), or of those that a start knows.
         """
+        mask = mask if self.start is None else self.start.mask
         cut = sample(mask, _SAMPLE_PX)
-        some = self.part(cut)
-        place = Place.blank(cut(mask))
+        some, place = self.part(cut), Place.blank(cut(mask))
         return some.climb(place, np.empty_like(place.position), self.scratch(*place.mask.shape), None)
 
-    def climb(
-        self, place: Place, modulation: Float32s, scratch: Scratch, beyond: Sequence[float] | None
-    ) -> list[float]:
-        """Write the place on the finest set and its modulation (h, w) in grey levels; take doubtful pixels out of mask.
+    def climb(self, place: Place, light: Float32s, scratch: Scratch, beyond: Sequence[float] | None) -> list[float]:
+        """Write the place on the finest set, and its modulation, at least 1 grey level, to light (h, w).
 
-        place: its mask says which pixels count, its confidence is multiplied; the rest is written. beyond: as
-        `unforeseen`, and returned as it was; None: it is measured in these very pixels.
+        place: doubtful pixels are taken out of its mask, its confidence is multiplied, and the rest is written.
+        scratch: see `scratch`. beyond: see `unforeseen`, and returned as it was; None: measured in these very pixels.
         """
         from slkit.codecs._wave_kernels import arctangent, wave_rows
 
-        cycle, own = scratch.cycle[: len(modulation)], scratch.sigma[: len(modulation)]
+        cycle, own = scratch.cycle[: len(light)], scratch.sigma[: len(light)]
         found: list[float] = []
         self._begin(place)
         for index, fringes in enumerate(self.sets):
             told = scratch.sums, fringes.steps, self.noise, fringes.offset, arctangent()
             for four in fringes.fours():
-                wave_rows(*four, *told, place.mask, cycle, own, modulation, place.confidence)
+                wave_rows(*four, *told, place.mask, cycle, own, light, place.confidence)
             if index == 0 and self.start is None:
                 self._place_alone(place, cycle, own)
                 found.append(0.0)

@@ -104,7 +104,7 @@ def wave_rows(
     mask: Mask,
     cycle: Singles,
     sigma: Singles,
-    modulation: Singles,
+    light: Singles,
     confidence: Singles,
 ) -> None:
     """Take four frames of a set (r, w) into its sums; with the last, write what these tell, (r, w) each.
@@ -114,21 +114,21 @@ def wave_rows(
     as `lit_rows`. p (8,): `arctangent`.
 
     cycle: the phase in periods, 0 to 1, less offset in radians; sigma: 1 sigma of it, sqrt(2 / steps) / (2 pi) noise /
-    modulation; modulation in grey levels. Where mask says, confidence is multiplied by the chance that noise alone
-    would modulate less, 1 - exp(-steps snr^2 / 4) after Rayleigh. Where mask leaves a chunk of pixels out, only the
-    modulation is written, 0.
+    modulation; light: the modulation in grey levels, at least 1. Where mask says, confidence is multiplied by the
+    chance that noise alone would modulate less, 1 - exp(-steps snr^2 / 4) after Rayleigh. Where mask leaves a whole
+    chunk of pixels out, only light is written, 1.
     """
     for row in range(cycle.shape[0]):
         for start in range(0, cycle.shape[1], CHUNK):
             cut = slice(start, start + CHUNK)
             if not _any(mask[row, cut]):
-                modulation[row, cut] = 0
+                light[row, cut] = 1
                 continue
             to = sums[row % sums.shape[0], start // CHUNK % sums.shape[1]]
             _add(one[row, cut], two[row, cut], three[row, cut], four[row, cut], weights, first, to)
             if last:
                 _phase(to, offset, p, cycle[row, cut])
-                _amplitude(to, steps, noise, modulation[row, cut], sigma[row, cut])
+                _amplitude(to, steps, noise, light[row, cut], sigma[row, cut])
                 _chance(sigma[row, cut], mask[row, cut], confidence[row, cut])
 
 
@@ -141,9 +141,7 @@ def _any(mask: Mask) -> bool:
 
 
 @_compiled
-def _add(
-    one: Levels, two: Levels, three: Levels, four: Levels, weights: Singles, afresh: bool, sums: Singles
-) -> None:
+def _add(one: Levels, two: Levels, three: Levels, four: Levels, weights: Singles, afresh: bool, sums: Singles) -> None:
     c0, c1, c2, c3 = weights[0, 0], weights[1, 0], weights[2, 0], weights[3, 0]
     s0, s1, s2, s3 = weights[0, 1], weights[1, 1], weights[2, 1], weights[3, 1]
     t0, t1, t2, t3 = weights[0, 2], weights[1, 2], weights[2, 2], weights[3, 2]
@@ -194,15 +192,15 @@ def _phase(here: Singles, offset: float, p: Singles, cycle: Singles) -> None:
 
 
 @_compiled
-def _amplitude(here: Singles, steps: int, noise: Singles, modulation: Singles, sigma: Singles) -> None:
+def _amplitude(here: Singles, steps: int, noise: Singles, light: Singles, sigma: Singles) -> None:
     share, mean = np.float32(2 / steps), np.float32(1 / steps)
     least, gain, dark, zero = noise[0], noise[1], noise[2], np.float32(0)
-    scale, lowest = np.float32(np.sqrt(2 / steps) / (2 * np.pi)), np.float32(_LEAST_SNR)
+    scale, lowest, one = np.float32(np.sqrt(2 / steps) / (2 * np.pi)), np.float32(_LEAST_SNR), np.float32(1)
     for k in range(len(sigma)):
         x, y = here[k], here[_SINE + k]
         size = np.sqrt(x * x + y * y) * share
         variance = least + gain * max(here[_TOTAL + k] * mean - dark, zero)
-        modulation[k] = size
+        light[k] = max(size, one)
         sigma[k] = scale / max(size / np.sqrt(variance), lowest)
 
 

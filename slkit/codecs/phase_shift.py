@@ -197,9 +197,7 @@ class PhaseShift:
                     "add a set of one period, use order 'gray', or decode with bounds from a rig and a depth range"
                 )
 
-    def _read_sets(
-        self, reader: Reader, names: list[str]
-    ) -> tuple[dict[Axis, tuple[FringeSet, ...]], Image | None]:
+    def _read_sets(self, reader: Reader, names: list[str]) -> tuple[dict[Axis, tuple[FringeSet, ...]], Image | None]:
         """Return the sets of each axis, coarsest first, and without references the mean of the very first of them."""
         sets, mean = dict[Axis, tuple[FringeSet, ...]](), None
         for axis in coded_axes(self.axes):
