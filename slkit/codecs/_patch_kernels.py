@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numba
 import numpy as np
 import numpy.typing as npt
@@ -60,8 +58,8 @@ def write_axis(
     """Write one axis of the kept pixels of rows first to last of a picture to the rows of a result.
 
     sigma (h, w) is enlarged by `variance` times the largest |`displacement`| of a pixel and its eight neighbours. mask
-    (h, w): what to keep; starts (h,): where each of its rows begins in the result; alone: no other axis is coded;
-    else as `shift_row`.
+    (h, w): what to keep; starts (last - first,): where each of these rows begins in the result; alone: no other axis is
+    coded; else as `shift_row`.
     """
     height, width = mask.shape
     shifts = np.zeros((3, width), dtype=np.float32)
@@ -79,7 +77,7 @@ def write_axis(
         for col in range(width):
             shift = scale * max(most[col], most[col + 1], most[col + 2])
             doubt[col] = np.sqrt(own[col] * own[col] + shift * shift)
-        at = starts[row]
+        at = starts[row - first]
         for col in range(width):
             if mask[row, col]:
                 projector_xy[at, axis], spread[at, axis] = position[row, col], doubt[col]

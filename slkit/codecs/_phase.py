@@ -16,6 +16,8 @@ from slkit.codecs._noise import Evidence, NoiseCurve, noise_curve
 from slkit.codecs._rows import over_large_blocks, over_rows
 from slkit.data import Float32s, Image
 
+Four = tuple[Levels, Levels, Levels, Levels, Float32s, Levels, bool, bool]
+"""Four frames of a set, weights, most, first, last: see `wave_rows`."""
 Cut = Callable[[npt.NDArray[Any]], npt.NDArray[Any]]
 """Takes the same pixels (r, c) out of any map (h, w)."""
 
@@ -46,15 +48,15 @@ class FringeSet:
         """Return the set as some of its pixels see it."""
         return replace(self, frames=tuple(cut(frame) for frame in self.frames))
 
-    def fours(self) -> Iterator[tuple[Any, ...]]:
-        """Return the set in groups of four frames, as `wave_rows` takes them: frames, weights, most, first, last.
+    def fours(self) -> Iterator[Four]:
+        """Return the set in groups of four frames, as `wave_rows` takes them.
 
         Source: the N-step algorithm; for evenly spaced shifts its two sums are the least-squares solution.
         """
         groups = _fours(self.steps, self.sign)
         for index, (four, weights) in enumerate(groups):
-            frames = (self.frames[step] for step in four)
-            yield *frames, weights, self.most[list(four)], index == 0, index == len(groups) - 1
+            one, two, three, other = (self.frames[step] for step in four)
+            yield one, two, three, other, weights, self.most[list(four)], index == 0, index == len(groups) - 1
 
 
 @cache
@@ -121,7 +123,7 @@ def noise_of(sets: Sequence[FringeSet]) -> NoiseCurve:
 
 def _mean_in(tiles: Tiles, fringes: FringeSet, usable: Mask) -> Float32s:
     """Return the mean of a set in tiles (r, c), and take what is saturated out of usable (r, c)."""
-    from slkit.codecs._wave_kernels import add_tiles
+    from slkit.codecs._lit_kernels import add_tiles
 
     total = np.zeros(usable.shape, dtype=np.float32)
     rows, cols = np.ascontiguousarray(tiles.rows[:, 0]), np.ascontiguousarray(tiles.cols[:, 0])
@@ -138,7 +140,8 @@ def modulated(sets: Sequence[FringeSet], noise: NoiseCurve, within: Mask | None,
     Two rings at the rim are left out: the modulation of a rim is large enough to be read long after its place has
     become its neighbour's. within (h, w): where to look. Errors: DecodeError where nothing is left.
     """
-    from slkit.codecs._wave_kernels import lit_rows, sums_for
+    from slkit.codecs._lit_kernels import lit_rows
+    from slkit.codecs._wave_kernels import sums_for
 
     shape, steps = sets[0].frames[0].shape, max(fringes.steps for fringes in sets)
     lit, saturated, good = (np.empty(shape, dtype=np.bool_) for _ in range(3))

@@ -89,7 +89,7 @@ class Ladder:
         return pitch if self.start is None and holds_axis(pitch, self.extent) else None
 
     def unforeseen(self, mask: Mask) -> list[float]:
-        """Return, for each set, by how much its distances vary beyond noise (see `_refine`), as variances in periods squared.
+        """Return by how much the distances of each set vary beyond noise (see `_refine`): variances in periods squared.
 
         From some of the pixels of mask (h, w), or of those that a start knows.
         """

@@ -28,7 +28,7 @@ CHUNK = 1024
 
 A fixed distance between the three tells the compiler that they do not overlap, which it needs for parallel lanes.
 """
-_SINE, _TOTAL = CHUNK, 2 * CHUNK
+SINE, TOTAL = CHUNK, 2 * CHUNK
 
 
 @cache
@@ -50,40 +50,6 @@ def sums_for(steps: int, rows: int, width: int) -> Singles:
     """
     shape = (rows, -(-width // CHUNK)) if steps > FRAMES else (1, 1)
     return np.empty((*shape, 3 * CHUNK), dtype=np.float32)
-
-
-@_compiled
-def lit_rows(
-    one: Levels,
-    two: Levels,
-    three: Levels,
-    four: Levels,
-    weights: Singles,
-    most: Levels,
-    first: bool,
-    last: bool,
-    sums: Singles,
-    steps: int,
-    noise: Singles,
-    snr: float,
-    lit: Mask,
-    saturated: Mask,
-) -> None:
-    """Take four frames of a set (r, w) into its sums, and mark where one is saturated.
-
-    With the last, take out of lit (r, w) where the modulation is not above snr times the noise of one frame. most (4,):
-    the highest level of each frame that is not saturated; noise (3,): variance in dark, its gain a level, the dark
-    level; steps: of the whole set; else as `wave_rows`.
-    """
-    for row in range(lit.shape[0]):
-        for start in range(0, lit.shape[1], CHUNK):
-            to = sums[row % sums.shape[0], start // CHUNK % sums.shape[1]]
-            p, q = one[row, start : start + CHUNK], two[row, start : start + CHUNK]
-            r, s = three[row, start : start + CHUNK], four[row, start : start + CHUNK]
-            _add(p, q, r, s, weights, first, to)
-            _mark_saturated(p, q, r, s, most, saturated[row, start : start + CHUNK])
-            if last:
-                _keep_lit(to, steps, noise, snr, lit[row, start : start + CHUNK])
 
 
 @_compiled
@@ -125,7 +91,7 @@ def wave_rows(
                 light[row, cut] = 1
                 continue
             to = sums[row % sums.shape[0], start // CHUNK % sums.shape[1]]
-            _add(one[row, cut], two[row, cut], three[row, cut], four[row, cut], weights, first, to)
+            add_four(one[row, cut], two[row, cut], three[row, cut], four[row, cut], weights, first, to)
             if last:
                 _phase(to, offset, p, cycle[row, cut])
                 _amplitude(to, steps, noise, light[row, cut], sigma[row, cut])
@@ -141,7 +107,9 @@ def _any(mask: Mask) -> bool:
 
 
 @_compiled
-def _add(one: Levels, two: Levels, three: Levels, four: Levels, weights: Singles, afresh: bool, sums: Singles) -> None:
+def add_four(
+    one: Levels, two: Levels, three: Levels, four: Levels, weights: Singles, afresh: bool, sums: Singles
+) -> None:
     c0, c1, c2, c3 = weights[0, 0], weights[1, 0], weights[2, 0], weights[3, 0]
     s0, s1, s2, s3 = weights[0, 1], weights[1, 1], weights[2, 1], weights[3, 1]
     t0, t1, t2, t3 = weights[0, 2], weights[1, 2], weights[2, 2], weights[3, 2]
@@ -150,25 +118,8 @@ def _add(one: Levels, two: Levels, three: Levels, four: Levels, weights: Singles
     for k in range(len(one)):
         a, b, c, d = np.float32(one[k]), np.float32(two[k]), np.float32(three[k]), np.float32(four[k])
         sums[k] = sums[k] + c0 * a + c1 * b + c2 * c + c3 * d
-        sums[_SINE + k] = sums[_SINE + k] + s0 * a + s1 * b + s2 * c + s3 * d
-        sums[_TOTAL + k] = sums[_TOTAL + k] + t0 * a + t1 * b + t2 * c + t3 * d
-
-
-@_compiled
-def _mark_saturated(one: Levels, two: Levels, three: Levels, four: Levels, most: Levels, saturated: Mask) -> None:
-    m0, m1, m2, m3 = most[0], most[1], most[2], most[3]
-    for k in range(len(saturated)):
-        saturated[k] |= (one[k] > m0) | (two[k] > m1) | (three[k] > m2) | (four[k] > m3)
-
-
-@_compiled
-def _keep_lit(sums: Singles, steps: int, noise: Singles, snr: float, lit: Mask) -> None:
-    square, mean = np.float32((steps * snr / 2) ** 2), np.float32(1 / steps)
-    least, gain, dark, zero = noise[0], noise[1], noise[2], np.float32(0)
-    for k in range(len(lit)):
-        x, y = sums[k], sums[_SINE + k]
-        variance = least + gain * max(sums[_TOTAL + k] * mean - dark, zero)
-        lit[k] &= x * x + y * y > square * variance
+        sums[SINE + k] = sums[SINE + k] + s0 * a + s1 * b + s2 * c + s3 * d
+        sums[TOTAL + k] = sums[TOTAL + k] + t0 * a + t1 * b + t2 * c + t3 * d
 
 
 @_compiled
@@ -177,7 +128,7 @@ def _phase(here: Singles, offset: float, p: Singles, cycle: Singles) -> None:
     turn, start = np.float32(1 / (2 * np.pi)), np.float32(offset / (2 * np.pi))
     zero, one, quarter, half = np.float32(0), np.float32(1), np.float32(np.pi / 2), np.float32(np.pi)
     for k in range(len(cycle)):
-        x, y = here[k], here[_SINE + k]
+        x, y = here[k], here[SINE + k]
         a, b = abs(x), abs(y)
         low, high = min(a, b), max(a, b)
         ratio = low / high if high > zero else zero
@@ -197,9 +148,9 @@ def _amplitude(here: Singles, steps: int, noise: Singles, light: Singles, sigma:
     least, gain, dark, zero = noise[0], noise[1], noise[2], np.float32(0)
     scale, lowest, one = np.float32(np.sqrt(2 / steps) / (2 * np.pi)), np.float32(_LEAST_SNR), np.float32(1)
     for k in range(len(sigma)):
-        x, y = here[k], here[_SINE + k]
+        x, y = here[k], here[SINE + k]
         size = np.sqrt(x * x + y * y) * share
-        variance = least + gain * max(here[_TOTAL + k] * mean - dark, zero)
+        variance = least + gain * max(here[TOTAL + k] * mean - dark, zero)
         light[k] = max(size, one)
         sigma[k] = scale / max(size / np.sqrt(variance), lowest)
 
@@ -216,20 +167,6 @@ def _chance(sigma: Singles, mask: Mask, confidence: Singles) -> None:
         for k in range(len(sigma)):
             if mask[k] & (sigma[k] > least):
                 confidence[k] *= -np.expm1(-scale / (sigma[k] * sigma[k]))
-
-
-@_compiled
-def add_tiles(frame: Levels, most: int, rows: Longs, cols: Longs, total: Singles, usable: Mask) -> None:
-    """Add tiles of a frame (h, w) to total (r, c), and take what is above the level `most` out of usable (r, c).
-
-    rows, cols (r,): where in the frame each row of a tile begins.
-    """
-    for row in range(len(rows)):
-        here, to, good = frame[rows[row], cols[row] :], total[row], usable[row]
-        for k in range(len(to)):
-            to[k] += np.float32(here[k])
-        for k in range(len(good)):
-            good[k] &= here[k] <= most
 
 
 @_compiled

@@ -24,7 +24,7 @@ from slkit.codecs._gray_code import (
 from slkit.codecs._masks import Light, Reader, grey, measure_light
 from slkit.codecs._noise import NoiseCurve
 from slkit.codecs._phase import FringeSet, as_image, mean_of, modulated, noise_of, read_images, set_of
-from slkit.codecs._phase_rows import climb_all, correspondences
+from slkit.codecs._phase_rows import decode_rows
 from slkit.codecs._unwrap import Ladder, Place, holds_axis
 from slkit.data import Correspondences, Frames, Image
 from slkit.errors import InputError
@@ -141,7 +141,7 @@ class PhaseShift:
         Each frame is read once. sigma: period / (2 pi) sqrt(2 / steps) noise / modulation in projector px, with the
         noise of one frame measured in the frames themselves at that grey level, hypot the shift of a pixel that sees a
         patch (`displacement`). Two rings at the rim of what is lit are left out. confidence: the odds of every chosen
-        period against its neighbour (`Ladder`), times the chance that noise alone modulates less (`Wave.chance`).
+        period against its neighbour (`Ladder`), times the chance that noise alone modulates less (`wave_rows`).
         bounds (h, w, 4) choose the period where the coarsest set has more than one; otherwise they reject what lies
         outside. Errors: InputError where frames do not fit the patterns or the fringes need bounds; DecodeError where
         nothing is lit, or the sets contradict each other everywhere.
@@ -158,13 +158,11 @@ class PhaseShift:
             raise InputError(f"bounds must have the shape {(*shape, 4)}, not {bounds.shape}")
         noise = noise_of(every) if light is None or len(every) > 1 else light.curve
         mask = modulated(every, noise, None if light is None else light.mask, self.min_snr)
-        ladders: list[Ladder] = []
+        ladders: dict[int, Ladder] = {}
         for axis in axes:
             start = None if light is None else self._read_order(axis, reader, names, light, bounds)
-            ladders.append(self._ladder(axis, sets[axis], noise, start, bounds))
-        maps, confidence, known = climb_all(ladders, mask)
-        lit = references[0] if mean is None else mean
-        return correspondences({int(a == "y"): m for a, m in zip(axes, maps, strict=True)}, confidence, known, lit)
+            ladders[int(axis == "y")] = self._ladder(axis, sets[axis], noise, start, bounds)
+        return decode_rows(ladders, mask, references[0] if mean is None else mean)
 
     def lit(self, frames: Frames) -> Image:
         """Return the white picture as grey (h, w), or the mean of the first set of fringes. Errors: as `decode`."""

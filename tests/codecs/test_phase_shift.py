@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from slkit import registry
 from slkit.calibration.detect import find_checkerboard, to_8bit
+from slkit.codecs import _phase_rows
 from slkit.codecs.phase_shift import Fringes, PhaseShift
 from slkit.data import Frames
 from slkit.errors import DecodeError, InputError
@@ -236,6 +237,18 @@ def test_lit_is_white_or_the_mean_of_the_first_set() -> None:
     assert np.abs(bare.lit(frames) - mean).max() <= 0.5
     colour = Frames.of([np.repeat(image[..., None], 3, axis=2) for image in frames], frames.names)
     assert np.array_equal(bare.lit(colour), bare.lit(frames))
+
+
+@pytest.mark.parametrize("axes", ["x", "both"])
+def test_a_large_picture_is_the_sum_of_its_bands(axes: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    codec = PhaseShift((256, 96), axes)
+    frames = see(codec, texture=0.5)
+    whole = codec.decode(frames)
+    for rows in (1, 7, 95):
+        monkeypatch.setattr(_phase_rows, "_BAND_PX", rows * 256)
+        bands = codec.decode(frames)
+        for name in ("camera_xy", "projector_xy", "sigma", "confidence", "color"):
+            assert np.array_equal(getattr(bands, name), getattr(whole, name), equal_nan=True)
 
 
 @pytest.mark.parametrize(
