@@ -64,19 +64,13 @@ def write_axis(
     height, width = mask.shape
     shifts = np.zeros((3, width), dtype=np.float32)
     most, doubt = np.zeros(width + 2, dtype=np.float32), np.empty(width, dtype=np.float32)
-    scale = np.float32(variance)
     for row in range(max(first - 1, 0), min(first + 1, height)):
         shift_row(position, light, row, jump, shifts[row % 3])
     for row in range(first, last):
         shifts[(row + 1) % 3] = 0
         if row + 1 < height:
             shift_row(position, light, row + 1, jump, shifts[(row + 1) % 3])
-        a, b, c, own = shifts[0], shifts[1], shifts[2], sigma[row]
-        for col in range(width):
-            most[col + 1] = max(a[col], b[col], c[col])
-        for col in range(width):
-            shift = scale * max(most[col], most[col + 1], most[col + 2])
-            doubt[col] = np.sqrt(own[col] * own[col] + shift * shift)
+        _doubts(shifts, sigma[row], variance, most, doubt)
         at = starts[row - first]
         for col in range(width):
             if mask[row, col]:
@@ -84,6 +78,17 @@ def write_axis(
                 if alone:
                     projector_xy[at, 1 - axis], spread[at, 1 - axis] = np.nan, np.nan
                 at += 1
+
+
+@_compiled
+def _doubts(shifts: Singles, sigma: Singles, variance: float, most: Singles, doubt: Singles) -> None:
+    """Write sigma of a row (w,) with `variance` times the largest shift in its three rows (3, w); most (w + 2,)."""
+    a, b, c, scale = shifts[0], shifts[1], shifts[2], np.float32(variance)
+    for col in range(len(a)):
+        most[col + 1] = max(a[col], b[col], c[col])
+    for col in range(len(doubt)):
+        shift = scale * max(most[col], most[col + 1], most[col + 2])
+        doubt[col] = np.sqrt(sigma[col] * sigma[col] + shift * shift)
 
 
 @_compiled

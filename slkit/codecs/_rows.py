@@ -33,8 +33,8 @@ def over_blocks(work: Callable[[slice], None], shape: tuple[int, ...]) -> None:
 def over_large_blocks(scratch: Callable[[int], S], work: Callable[[slice, S], None], shape: tuple[int, ...]) -> None:
     """Call work(rows, scratch(most rows)) for blocks of many rows of a picture (h, w); see `over_blocks`.
 
-    For work of many small calls, each of which costs as much as hundreds of pixels: what it keeps aside stays in the
-    memory that all processors share, and is made once a thread.
+    For work of several calls a block, each of which costs as much as hundreds of pixels. What it keeps aside is made
+    once a thread, because fresh memory costs more than the work on it.
     """
     height, width = shape
     step = max(_LARGE_BLOCK_PX // width, 1)

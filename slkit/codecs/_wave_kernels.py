@@ -75,22 +75,18 @@ def wave_rows(
 ) -> None:
     """Take four frames of a set (r, w) into its sums; with the last, write what these tell, (r, w) each.
 
-    weights (4, 3): the cosine and sine of each frame's shift, and 1; 0, 0, 0 for a frame that is not to count. first,
-    last: whether these frames are the first and the last of the set's `steps`. sums: `sums_for`. noise (3,), most (4,):
-    as `lit_rows`. p (8,): `arctangent`.
-
-    cycle: the phase in periods, 0 to 1, less offset in radians; sigma: 1 sigma of it, sqrt(2 / steps) / (2 pi) noise /
-    modulation; light: the modulation in grey levels, at least 1. Where mask says, confidence is multiplied by the
-    chance that noise alone would modulate less, 1 - exp(-steps snr^2 / 4) after Rayleigh. Where mask leaves a whole
-    chunk of pixels out, only light is written, 1.
+    weights (4, 3): cosine and sine of each frame's shift, and 1; or 0, 0, 0: it does not count. first, last: of `steps`
+    frames. sums: `sums_for`. noise (3,), most (4,): as `lit_rows`. p (8,): `arctangent`. cycle: phase in periods, 0 to
+    1, less offset in radians; sigma: its 1 sigma, sqrt(2 / steps) / (2 pi) noise / modulation; light: the modulation
+    in grey levels, at least 1. Where mask says, confidence is multiplied by the chance that noise alone modulates less,
+    1 - exp(-steps snr^2 / 4) after Rayleigh. Where mask leaves out a whole chunk, only light is written, 1.
     """
     for row in range(cycle.shape[0]):
         for start in range(0, cycle.shape[1], CHUNK):
-            cut = slice(start, start + CHUNK)
+            cut, to = slice(start, start + CHUNK), sums[row % sums.shape[0], start // CHUNK % sums.shape[1]]
             if not _any(mask[row, cut]):
                 light[row, cut] = 1
                 continue
-            to = sums[row % sums.shape[0], start // CHUNK % sums.shape[1]]
             add_four(one[row, cut], two[row, cut], three[row, cut], four[row, cut], weights, first, to)
             if last:
                 _phase(to, offset, p, cycle[row, cut])
