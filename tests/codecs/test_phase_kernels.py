@@ -69,7 +69,9 @@ def test_phase_and_its_noise_are_those_of_numpy(seed: int, steps: int, sign: int
     np.testing.assert_allclose(light, np.maximum(modulation, 1), rtol=1e-5, atol=1e-5 * level.max())
     snr = np.maximum(modulation / NOISE.at(level.astype(np.float32)), 1e-3)
     np.testing.assert_allclose(sigma[clear], (np.sqrt(2 / steps) / (2 * np.pi) / snr)[clear], rtol=1e-4)
-    np.testing.assert_allclose(confidence, -np.expm1(-steps / 4 * snr**2), atol=1e-5)
+    # Sums round in proportion to their size, which tells where the modulation is below the noise of 12 bits.
+    rounding = 1e-5 * max(level.max() / 256, 1)
+    np.testing.assert_allclose(confidence, -np.expm1(-steps / 4 * snr**2), atol=rounding)
 
 
 def test_pixels_out_of_the_mask_keep_their_confidence_and_whole_chunks_are_passed_over() -> None:
