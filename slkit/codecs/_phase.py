@@ -1,89 +1,106 @@
-"""The wave that a set of phase-shifted sinusoids shows at every camera pixel, and the noise it carries."""
+"""Sets of phase-shifted sinusoids as a camera sees them: their sums, the noise they carry, and where they are lit."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from slkit.codecs._gray_code import Mask
-from slkit.codecs._masks import Levels, Reader, Tiles, levels, saturation
-from slkit.codecs._noise import Evidence, noise_curve
-from slkit.codecs._rows import over_blocks
+from slkit.codecs._masks import Levels, Reader, Tiles, levels, refuse_empty, saturation, without_rim
+from slkit.codecs._noise import Evidence, NoiseCurve, noise_curve
+from slkit.codecs._rows import over_large_blocks, over_rows
 from slkit.data import Float32s, Image
 
-Noise = Callable[[Float32s], Float32s]
-"""From grey levels (...) to the noise of one frame at that level, 1 sigma in grey levels."""
+Four = tuple[Levels, Levels, Levels, Levels, Float32s, Levels, bool, bool]
+"""Four frames of a set, weights, most, first, last: see `wave_rows`."""
+Cut = Callable[[npt.NDArray[Any]], npt.NDArray[Any]]
+"""Takes the same pixels (r, c) out of any map (h, w)."""
 
-_LEAST_SNR = 1e-3
+_RIM_PX = 2
 
 
 @dataclass(frozen=True, eq=False)
-class Wave:
-    """What one set of `steps` shifted sinusoids shows at every camera pixel.
+class FringeSet:
+    """One set of shifted sinusoids, seen: frame s shows cos(phase - sign 2 pi s / steps).
 
-    cycle (h, w): phase in periods, 0 to 1; modulation, level (h, w): amplitude and mean in grey levels; saturated
-    (h, w): where any frame is at full scale; mean: the frames' mean as a picture, (h, w) or (h, w, 3).
+    frames: grey levels (h, w) of each step, as they are stored; most (steps,): the highest level of each that is not
+    saturated; burnt (h, w): what else is; sign, offset: as `Fringes`; pitch: a period in px.
     """
 
-    cycle: Float32s
-    modulation: Float32s
-    level: Float32s
-    saturated: Mask
-    mean: Image
-    steps: int
+    frames: tuple[Levels, ...]
+    most: Levels
+    burnt: Mask | None
+    sign: int
+    offset: float
+    pitch: float
 
-    def snr(self, noise: Noise) -> Float32s:
-        """Return the modulation (h, w) in units of the noise of one frame."""
-        return (self.modulation / noise(self.level)).astype(np.float32)
+    @property
+    def steps(self) -> int:
+        """The number of shifts."""
+        return len(self.frames)
 
-    def cycle_sigma(self, snr: Float32s) -> Float32s:
-        """Return 1 sigma of cycle (h, w) in periods: sqrt(2 / steps) / snr / (2 pi)."""
-        return (np.sqrt(2 / self.steps) / (2 * np.pi) / np.maximum(snr, _LEAST_SNR)).astype(np.float32)
+    def part(self, cut: Cut) -> FringeSet:
+        """Return the set as some of its pixels see it."""
+        return replace(self, frames=tuple(cut(frame) for frame in self.frames))
 
-    def chance(self, snr: Float32s) -> Float32s:
-        """Return the chance (h, w) that noise alone would modulate less: 1 - exp(-steps snr^2 / 4), after Rayleigh."""
-        return (-np.expm1(-self.steps / 4 * snr**2)).astype(np.float32)
+    def fours(self) -> Iterator[Four]:
+        """Return the set in groups of four frames, as `wave_rows` takes them.
 
-
-def read_wave(reader: Reader, start: int, steps: int, sign: int, offset: float) -> Wave:
-    """Return the wave of the frames start ... start + steps - 1, each read once.
-
-    sign: +1 where frame s shows cos(phase - 2 pi s / steps), -1 for plus; offset: phase at pixel 0 in radians.
-    Source: the N-step algorithm; for evenly spaced shifts its two sums are the least-squares solution.
-    """
-    images = [reader.color(start + step) for step in range(steps)]
-    shown = [levels(image) for image in images]
-    shape = shown[0].shape
-    saturated = np.logical_or.reduce([saturation(image) for image in images])
-    cosine, sine, total = (np.zeros(shape, dtype=np.float32) for _ in range(3))
-    cycle, shifts = np.empty(shape, dtype=np.float32), sign * 2 * np.pi * np.arange(steps) / steps
-    _sum_up(shown, shifts, offset, (cosine, sine, total), cycle)
-    mean: Float32s = total if images[0].ndim == 2 else np.asarray(np.mean(images, axis=0, dtype=np.float32))
-    return Wave(cycle, cosine, total, saturated, as_image(mean, images[0]), steps)
+        Source: the N-step algorithm; for evenly spaced shifts its two sums are the least-squares solution.
+        """
+        groups = _fours(self.steps, self.sign)
+        for index, (four, weights) in enumerate(groups):
+            one, two, three, other = (self.frames[step] for step in four)
+            yield one, two, three, other, weights, self.most[list(four)], index == 0, index == len(groups) - 1
 
 
-def _sum_up(
-    shown: Sequence[Levels],
-    shifts: npt.NDArray[np.float64],
-    offset: float,
-    sums: tuple[Float32s, Float32s, Float32s],
-    cycle: Float32s,
-) -> None:
-    """Write cycle (h, w), and the modulation and the mean into the first and the last of `sums`, which are zero."""
-    from slkit.codecs._wave_kernels import add_step, arctangent, finish_wave
+@cache
+def _fours(steps: int, sign: int) -> tuple[tuple[tuple[int, ...], Float32s], ...]:
+    """Return the steps of a set in groups of four and the weights (4, 3) of their frames, 0 for one that fills up."""
+    shifts = sign * 2 * np.pi * np.arange(steps) / steps
+    weights = np.stack([np.cos(shifts), np.sin(shifts), np.ones(steps)], axis=1).astype(np.float32)
+    groups: list[tuple[tuple[int, ...], Float32s]] = []
+    for start in range(0, steps, 4):
+        count = min(4, steps - start)
+        filled = np.zeros((4, 3), dtype=np.float32)
+        filled[:count] = weights[start : start + count]
+        groups.append((tuple(min(start + k, steps - 1) for k in range(4)), filled))
+    return tuple(groups)
 
-    weights = [(float(np.cos(shift)), float(np.sin(shift))) for shift in shifts]
 
-    def block(rows: slice) -> None:
-        cosine, sine, total = sums[0][rows], sums[1][rows], sums[2][rows]
-        for frame, weight in zip(shown, weights, strict=True):
-            add_step(frame[rows], *weight, cosine, sine, total)
-        finish_wave(cosine, sine, total, len(shown), offset, arctangent(), cycle[rows])
+def set_of(images: Sequence[Image], sign: int, offset: float, pitch: float) -> FringeSet:
+    """Return the set that pictures (h, w) or (h, w, 3) show, one a step; see `FringeSet`."""
+    frames = tuple(levels(image) for image in images)
+    if images[0].ndim == 2:
+        most = np.array([_highest_whole(image) for image in images], dtype=images[0].dtype)
+        return FringeSet(frames, most, None, sign, offset, pitch)
+    burnt = np.logical_or.reduce([saturation(image) for image in images])
+    return FringeSet(frames, np.full(len(frames), np.inf, dtype=np.float32), burnt, sign, offset, pitch)
 
-    over_blocks(block, cycle.shape)
+
+def _highest_whole(image: Image) -> int:
+    """Return the highest level that is not saturated in a grey picture."""
+    # A picture saturates where it reaches its own maximum, or nowhere; only 16 bits leave open what full scale is.
+    top = int(np.iinfo(image.dtype).max) if image.dtype == np.uint8 else int(image.max())
+    return top - int(saturation(np.full((1, 1), top, dtype=image.dtype)).any())
+
+
+def read_images(reader: Reader, start: int, steps: int) -> list[Image]:
+    """Return the pictures of a set, each read once."""
+    return [reader.color(start + step) for step in range(steps)]
+
+
+def mean_of(images: Sequence[Image]) -> Image:
+    """Return the mean of pictures, as a picture of their depth."""
+    mean = np.zeros(images[0].shape, dtype=np.float32)
+    for image in images:
+        mean += image
+    return as_image(mean / np.float32(len(images)), images[0])
 
 
 def as_image(levels: Float32s, like: Image) -> Image:
@@ -91,15 +108,69 @@ def as_image(levels: Float32s, like: Image) -> Image:
     return np.rint(levels).astype(like.dtype)
 
 
-def noise_of_pair(one: Wave, other: Wave) -> Noise:
-    """Return the noise that two sets of one scene show: their means differ by noise alone, whatever the texture."""
-    tiles, share = Tiles.of(one.level.shape), 1 / one.steps + 1 / other.steps
-    level, usable = tiles.cut(one.level), ~(tiles.cut(one.saturated) | tiles.cut(other.saturated)) & tiles.inner
-    return noise_curve([Evidence(level - tiles.cut(other.level), level, usable, share)]).at
+def noise_of(sets: Sequence[FringeSet]) -> NoiseCurve:
+    """Return the noise of one frame that the last two sets show: their means differ by noise alone.
+
+    A single set has only its mean to show; texture counts as noise there.
+    """
+    tiles, shown = Tiles.of(sets[-1].frames[0].shape), sets[-2:]
+    usable = np.broadcast_to(tiles.inner, tiles.cols.shape).copy()
+    means = [_mean_in(tiles, fringes, usable) for fringes in shown]
+    picture = means[-1] - means[0] if len(means) > 1 else means[0]
+    share = sum(1 / fringes.steps for fringes in shown)
+    return noise_curve([Evidence(picture, means[-1], usable, share)])
 
 
-def noise_of_one(wave: Wave) -> Noise:
-    """Return the noise that the mean of one set shows; texture counts as noise here."""
-    tiles = Tiles.of(wave.level.shape)
-    level = tiles.cut(wave.level)
-    return noise_curve([Evidence(level, level, ~tiles.cut(wave.saturated) & tiles.inner, 1 / wave.steps)]).at
+def _mean_in(tiles: Tiles, fringes: FringeSet, usable: Mask) -> Float32s:
+    """Return the mean of a set in tiles (r, c), and take what is saturated out of usable (r, c)."""
+    from slkit.codecs._lit_kernels import add_tiles
+
+    total = np.zeros(usable.shape, dtype=np.float32)
+    rows, cols = np.ascontiguousarray(tiles.rows[:, 0]), np.ascontiguousarray(tiles.cols[:, 0])
+    for frame, most in zip(fringes.frames, fringes.most, strict=True):
+        add_tiles(frame, most, rows, cols, total, usable)
+    if fringes.burnt is not None:
+        usable &= ~tiles.cut(fringes.burnt)
+    return total * np.float32(1 / fringes.steps)
+
+
+def modulated(sets: Sequence[FringeSet], noise: NoiseCurve, within: Mask | None, min_snr: float) -> Mask:
+    """Return where (h, w) all sets modulate more than min_snr times the noise and none is saturated.
+
+    Two rings at the rim are left out: the modulation of a rim is large enough to be read long after its place has
+    become its neighbour's. within (h, w): where to look. Errors: DecodeError where nothing is left.
+    """
+    from slkit.codecs._lit_kernels import lit_rows
+    from slkit.codecs._wave_kernels import sums_for
+
+    shape, steps = sets[0].frames[0].shape, max(fringes.steps for fringes in sets)
+    lit, saturated, good = (np.empty(shape, dtype=np.bool_) for _ in range(3))
+
+    def block(rows: slice, sums: Float32s) -> None:
+        bright, burnt = lit[rows], saturated[rows]
+        bright[:], burnt[:] = True, False
+        for fringes in sets:
+            for four in fringes.part(lambda frame: frame[rows]).fours():
+                lit_rows(*four, sums, fringes.steps, noise.numbers, min_snr, bright, burnt)
+            if fringes.burnt is not None:
+                burnt |= fringes.burnt[rows]
+        np.greater(bright, burnt, out=good[rows])
+        if within is not None:
+            good[rows] &= within[rows]
+
+    over_large_blocks(lambda rows: sums_for(steps, rows, shape[1]), block, shape)
+    mask = _without_rings(good)
+    refuse_empty(mask, lit, saturated)
+    return mask
+
+
+def _without_rings(mask: Mask) -> Mask:
+    result = np.empty_like(mask)
+
+    def work(first: int, last: int) -> None:
+        top = max(first - _RIM_PX, 0)
+        part = without_rim(without_rim(mask[top : last + _RIM_PX]))
+        result[first:last] = part[first - top : last - top]
+
+    over_rows(work, len(mask))
+    return result

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
 
 import numpy as np
 
 # So many pixels stay in a processor's cache with what is worked out for them.
 _BLOCK_PX = 16_384
+_LARGE_BLOCK_PX = 131_072
+
+S = TypeVar("S")
 
 
 def over_blocks(work: Callable[[slice], None], shape: tuple[int, ...]) -> None:
@@ -22,6 +26,23 @@ def over_blocks(work: Callable[[slice], None], shape: tuple[int, ...]) -> None:
     def part(first: int, last: int) -> None:
         for start in range(first, last, step):
             work(slice(start, min(start + step, last)))
+
+    over_rows(part, height)
+
+
+def over_large_blocks(scratch: Callable[[int], S], work: Callable[[slice, S], None], shape: tuple[int, ...]) -> None:
+    """Call work(rows, scratch(most rows)) for blocks of many rows of a picture (h, w); see `over_blocks`.
+
+    For work of several calls a block, each of which costs as much as hundreds of pixels. What it keeps aside is made
+    once a thread, because fresh memory costs more than the work on it.
+    """
+    height, width = shape
+    step = max(_LARGE_BLOCK_PX // width, 1)
+
+    def part(first: int, last: int) -> None:
+        aside = scratch(min(step, last - first))
+        for start in range(first, last, step):
+            work(slice(start, min(start + step, last)), aside)
 
     over_rows(part, height)
 

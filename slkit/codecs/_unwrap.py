@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from slkit.codecs._gray_code import Mask
+from slkit.codecs._phase import Cut, FringeSet
 from slkit.codecs._rows import over_rows
 from slkit.data import Float32s
+
+Longs = npt.NDArray[np.int64]
 
 # A period is taken where it is 99 times likelier than its neighbour.
 _LOG_ODDS = float(np.log(99))
@@ -21,15 +25,6 @@ _RIM_SIGMAS = 3.0
 
 
 @dataclass(frozen=True, eq=False)
-class Rung:
-    """One set of fringes: cycle (h, w) in periods, 0 to 1; sigma (h, w) in periods; pitch: a period in px."""
-
-    cycle: Float32s
-    sigma: Float32s
-    pitch: float
-
-
-@dataclass(frozen=True, eq=False)
 class Place:
     """A position on one projector axis for every pixel: position, sigma (h, w) px; confidence (h, w); mask (h, w)."""
 
@@ -38,97 +33,155 @@ class Place:
     confidence: Float32s
     mask: Mask
 
+    @classmethod
+    def blank(cls, mask: Mask) -> Place:
+        """Return a place still to be found at the pixels of a mask (h, w), which is copied."""
+        position, sigma = (np.empty(mask.shape, dtype=np.float32) for _ in range(2))
+        return cls(position, sigma, np.ones(mask.shape, dtype=np.float32), mask.copy())
+
+    def part(self, cut: Cut) -> Place:
+        """Return some of the pixels."""
+        return Place(cut(self.position), cut(self.sigma), cut(self.confidence), cut(self.mask))
+
+
+@dataclass(frozen=True, eq=False)
+class Scratch:
+    """Memory for what is only needed within some rows: sums (`sums_for`); cycle, sigma (r, w) of a set in periods."""
+
+    sums: Float32s
+    cycle: Float32s
+    sigma: Float32s
+
 
 @dataclass(frozen=True, eq=False)
 class Ladder:
     """How the sets of one axis are joined.
 
     extent: length of the axis in px. reach: how far, in periods, a coarser place may point from a whole period.
-    interval: smallest and largest position allowed (h, w) px, NaN where there is none; or None.
+    sets: coarsest first. noise (3,): `NoiseCurve.numbers`. start: where each pixel is, coarser than all sets, or None:
+    the coarsest set tells. interval: smallest and largest position allowed (h, w) px, NaN where there is none; or None.
     """
 
     extent: int
     reach: float
+    sets: tuple[FringeSet, ...]
+    noise: Float32s
+    start: Place | None
     interval: tuple[Float32s, Float32s] | None
 
-    def climb(self, rungs: Sequence[Rung], mask: Mask, start: Place | None) -> Place:
-        """Return the place on the last of `rungs`, coarsest first, from `start` or from the coarsest rung itself."""
-        place, longest = start, None
-        if place is None:
-            first, rungs = rungs[0], rungs[1:]
-            if holds_axis(first.pitch, self.extent):
-                place, longest = self._place_on_one_period(first, mask), first.pitch
+    def part(self, cut: Cut) -> Ladder:
+        """Return the ladder of some of the pixels."""
+        start = None if self.start is None else self.start.part(cut)
+        interval = None if self.interval is None else (cut(self.interval[0]), cut(self.interval[1]))
+        return replace(self, sets=tuple(s.part(cut) for s in self.sets), start=start, interval=interval)
+
+    def scratch(self, rows: int, width: int) -> Scratch:
+        """Return what `climb` needs for at most so many rows of a picture."""
+        from slkit.codecs._wave_kernels import sums_for
+
+        cycle, sigma = np.empty((2, rows, width), dtype=np.float32)
+        return Scratch(sums_for(max(fringes.steps for fringes in self.sets), rows, width), cycle, sigma)
+
+    @property
+    def _longest(self) -> float | None:
+        """The coarsest period in px, where a position may have wrapped at the ends of the axis; else None."""
+        pitch = self.sets[0].pitch
+        return pitch if self.start is None and holds_axis(pitch, self.extent) else None
+
+    def unforeseen(self, mask: Mask) -> list[float]:
+        """Return by how much the distances of each set vary beyond noise (see `_refine`): variances in periods squared.
+
+        From some of the pixels of mask (h, w), or of those that a start knows.
+        """
+        mask = mask if self.start is None else self.start.mask
+        cut = sample(mask, _SAMPLE_PX)
+        some, place = self.part(cut), Place.blank(cut(mask))
+        return some.climb(place, np.empty_like(place.position), self.scratch(*place.mask.shape), None)
+
+    def climb(self, place: Place, light: Float32s, scratch: Scratch, beyond: Sequence[float] | None) -> list[float]:
+        """Write the place on the finest set, and its modulation, at least 1 grey level, to light (h, w).
+
+        place: doubtful pixels are taken out of its mask, its confidence is multiplied, and the rest is written.
+        scratch: see `scratch`. beyond: see `unforeseen`, and returned as it was; None: measured in these very pixels.
+        """
+        from slkit.codecs._wave_kernels import arctangent, wave_rows
+
+        cycle, own = scratch.cycle[: len(light)], scratch.sigma[: len(light)]
+        found: list[float] = []
+        self._begin(place)
+        for index, fringes in enumerate(self.sets):
+            told = scratch.sums, fringes.steps, self.noise, fringes.offset, arctangent()
+            for four in fringes.fours():
+                wave_rows(*four, *told, place.mask, cycle, own, light, place.confidence)
+            if index == 0 and self.start is None:
+                self._place_alone(place, cycle, own)
+                found.append(0.0)
             else:
-                place = self._place_in_interval(first, mask)
-        for rung in rungs:
-            place = self._refine(place, rung, longest)
-        return Place(place.position, place.sigma, place.confidence, place.mask & mask & self._inside(place, longest))
+                found.append(self._refine(place, cycle, own, fringes.pitch, None if beyond is None else beyond[index]))
+        self._keep_inside(place)
+        return found
 
-    def _place_on_one_period(self, rung: Rung, mask: Mask) -> Place:
-        # Taken around the middle of the axis, so that noise wraps at both ends alike.
-        center = (self.extent - 1) / 2
-        away = (rung.cycle - np.float32(center / rung.pitch) + np.float32(0.5)) % 1 - np.float32(0.5)
-        position = np.float32(center) + away * np.float32(rung.pitch)
-        return Place(position, rung.sigma * np.float32(rung.pitch), np.ones_like(position), mask)
+    def _begin(self, place: Place) -> None:
+        if self.start is not None:
+            place.position[:], place.sigma[:] = self.start.position, self.start.sigma
+            np.multiply(place.confidence, self.start.confidence, out=place.confidence)
+            np.logical_and(place.mask, self.start.mask, out=place.mask)
 
-    def _place_in_interval(self, rung: Rung, mask: Mask) -> Place:
-        """Return the place where exactly one period brings the phase into the interval."""
-        if self.interval is None:
-            return Place(rung.cycle, rung.sigma, rung.cycle, np.zeros_like(mask))
-        pitch = np.float32(rung.pitch)
-        slack = np.float32(_SLACK_SIGMAS) * rung.sigma + np.float32(_SLACK_PX) / pitch
-        low, high = self.interval
-        first = np.ceil(low / pitch - rung.cycle - slack)
-        mask = mask & (first == np.floor(high / pitch - rung.cycle + slack))
-        position = (rung.cycle + np.where(mask, first, 0)) * pitch
-        return Place(position, rung.sigma * pitch, np.ones_like(position), mask)
+    def _place_alone(self, place: Place, cycle: Float32s, own: Float32s) -> None:
+        """Write the place that the coarsest set tells, with or without an interval."""
+        from slkit.codecs._period_kernels import place_on_axis
 
-    def _refine(self, coarse: Place, rung: Rung, longest: float | None) -> Place:
-        """Return the place on a finer rung, whose period the coarse place chooses.
+        pitch = self.sets[0].pitch
+        if self._longest is not None:
+            place_on_axis(cycle, own, pitch, (self.extent - 1) / 2, place.position, place.sigma)
+        elif self.interval is None:
+            place.mask[:] = False
+        else:
+            self._place_in_interval(place, cycle, own, np.float32(pitch), self.interval)
+
+    @staticmethod
+    def _place_in_interval(
+        place: Place, cycle: Float32s, own: Float32s, pitch: np.float32, interval: tuple[Float32s, Float32s]
+    ) -> None:
+        """Write the place where exactly one period brings the phase into the interval."""
+        slack = np.float32(_SLACK_SIGMAS) * own + np.float32(_SLACK_PX) / pitch
+        low, high = interval
+        first = np.ceil(low / pitch - cycle - slack)
+        place.mask[:] &= first == np.floor(high / pitch - cycle + slack)
+        place.position[:] = (cycle + np.where(place.mask, first, 0)) * pitch
+        place.sigma[:] = own * pitch
+
+    def _refine(self, place: Place, cycle: Float32s, own: Float32s, pitch: float, beyond: float | None) -> float:
+        """Move the place to a finer set, whose period the coarse place chooses; return `beyond`, measured if None.
 
         The distance d to the nearest whole period, in periods, must stay below `reach`, and below the d at which the
         chosen period is 99 times likelier than its neighbour. For two Gaussians one period apart the odds are
         exp((1 - 2 |d|) / (2 s^2)), and the confidence is multiplied by odds / (1 + odds). The spread s is that
         predicted from noise, widened by what the distances of the whole picture show beyond it (gamma, stray light).
-        longest: the coarsest period in px, which may have wrapped at the ends of the axis; None: nothing wraps.
         """
-        from slkit.codecs._wave_kernels import choose_period, mend_ends, nearest_period
+        from slkit.codecs._period_kernels import distances, refine_rows
 
-        order, distance = np.empty_like(rung.cycle), np.empty_like(rung.cycle)
-        position, sigma = np.empty_like(rung.cycle), np.empty_like(rung.cycle)
-        confidence, mask = coarse.confidence.copy(), coarse.mask.copy()
+        axis = (self.extent - 1) / 2, float(self.extent), np.inf if self._longest is None else self._longest
+        if beyond is None:
+            distance = np.empty_like(cycle)
+            distances(place.position, cycle, pitch, *axis, distance)
+            beyond = _unforeseen(distance, place, own, pitch)
+        told = cycle, own, pitch, *axis, beyond, self.reach, _LOG_ODDS
+        refine_rows(*told, place.position, place.sigma, place.confidence, place.mask)
+        return beyond
 
-        def near(first: int, last: int) -> None:
-            part = slice(first, last)
-            here = coarse.position[part], rung.cycle[part], rung.pitch
-            nearest_period(*here, order[part], distance[part])
-            if longest is not None:
-                mend_ends(*here, (self.extent - 1) / 2, float(self.extent), longest, order[part], distance[part])
+    def _keep_inside(self, place: Place) -> None:
+        from slkit.codecs._period_kernels import keep_inside
 
-        over_rows(near, len(order))
-        beyond = _unforeseen(distance, coarse, rung)
-
-        def choose(first: int, last: int) -> None:
-            part = slice(first, last)
-            told = order[part], distance[part], rung.cycle[part], rung.sigma[part], coarse.sigma[part]
-            out = position[part], sigma[part], confidence[part], mask[part]
-            choose_period(*told, rung.pitch, beyond, self.reach, _LOG_ODDS, *out)
-
-        over_rows(choose, len(order))
-        return Place(position, sigma, confidence, mask)
-
-    def _inside(self, place: Place, longest: float | None) -> Mask:
-        rim = self.extent / 2 + _SLACK_PX
-        if longest is not None:
-            # Where the coarsest period is as long as the axis, both ends show one phase: what noise could carry over
-            # from one end to the other is not decoded.
-            rim = np.minimum(rim, np.float32(longest / 2) - np.float32(_RIM_SIGMAS) * place.sigma)
-        inside = np.abs(place.position - np.float32((self.extent - 1) / 2)) <= rim
-        if self.interval is None:
-            return inside
-        slack = np.float32(_SLACK_SIGMAS) * place.sigma + np.float32(_SLACK_PX)
-        low, high = self.interval
-        return inside & (place.position >= low - slack) & (place.position <= high + slack)
+        # Where the coarsest period is as long as the axis, both ends show one phase: what noise could carry over from
+        # one end to the other is not decoded.
+        end = np.inf if self._longest is None else self._longest / 2
+        axis = (self.extent - 1) / 2, self.extent / 2 + _SLACK_PX, end
+        keep_inside(place.position, place.sigma, *axis, _RIM_SIGMAS, place.mask)
+        if self.interval is not None:
+            slack = np.float32(_SLACK_SIGMAS) * place.sigma + np.float32(_SLACK_PX)
+            low, high = self.interval
+            place.mask[:] &= (place.position >= low - slack) & (place.position <= high + slack)
 
 
 def holds_axis(pitch: float, extent: int) -> bool:
@@ -136,13 +189,37 @@ def holds_axis(pitch: float, extent: int) -> bool:
     return pitch >= extent * (1 - 1e-9)
 
 
-def _unforeseen(distance: Float32s, coarse: Place, rung: Rung) -> float:
-    """Return the variance in periods squared that distances (h, w) show beyond that of noise, from some pixels."""
-    at = np.flatnonzero(coarse.mask)
-    if not len(at):
+def row_counts(mask: Mask) -> tuple[Longs, int]:
+    """Return how many pixels of a mask (h, w) lie above each of its rows (h,), and how many there are."""
+    from slkit.codecs._patch_kernels import count_rows
+
+    counts = np.empty(len(mask), dtype=np.int64)
+    count_rows(mask, counts)
+    return np.cumsum(counts) - counts, int(counts.sum())
+
+
+def sample(mask: Mask, most: int) -> Cut:
+    """Return what takes every n-th pixel of a mask (h, w) out of a map (h, w), at most so many, as one row (1, m)."""
+    from slkit.codecs._patch_kernels import pick_pixels
+
+    starts, total = row_counts(mask)
+    step = max(-(-total // most), 1)
+    at = np.empty((1, -(-total // step)), dtype=np.int64)
+    over_rows(lambda first, last: pick_pixels(first, mask[first:last], starts[first:last], step, at[0]), len(mask))
+    return lambda pixels: np.take(pixels, at)
+
+
+def _unforeseen(distance: Float32s, place: Place, own: Float32s, pitch: float) -> float:
+    """Return the variance in periods squared that distances (r, c) show beyond that of noise, in the pixels of mask."""
+    if not place.mask.any():
         return 0.0
-    at = at[:: -(-len(at) // _SAMPLE_PX)]
-    away, coarsely, finely = (a.ravel()[at] for a in (distance, coarse.sigma, rung.sigma))
-    predicted = (coarsely / np.float32(rung.pitch)) ** 2 + finely**2
-    seen = (1.4826 * float(np.median(np.abs(away)))) ** 2
-    return max(seen - float(np.median(predicted)), 0.0)
+    away, coarse, fine = distance[place.mask], place.sigma[place.mask], own[place.mask]
+    predicted = (coarse / np.float32(pitch)) ** 2 + fine**2
+    return max((1.4826 * _median(np.abs(away))) ** 2 - _median(predicted), 0.0)
+
+
+def _median(values: Float32s) -> float:
+    """Return the median, several times as fast as NumPy's."""
+    middle = len(values) // 2
+    parts = np.partition(values, middle)
+    return float(parts[middle]) if len(values) % 2 else float(parts[:middle].max() + parts[middle]) / 2

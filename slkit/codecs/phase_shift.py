@@ -7,13 +7,11 @@ from typing import Literal
 
 import numpy as np
 
-from slkit.codecs._footprint import VARIANCE, around, displacement
 from slkit.codecs._gray_code import (
     Axes,
     Axis,
     BitRule,
     CellCode,
-    Mask,
     Profile,
     coded_axes,
     constant,
@@ -23,11 +21,13 @@ from slkit.codecs._gray_code import (
     probability,
     read_cells,
 )
-from slkit.codecs._masks import Light, Reader, collect, grey, measure_light, refuse_empty, without_rim
-from slkit.codecs._phase import Noise, Wave, as_image, noise_of_one, noise_of_pair, read_wave
-from slkit.codecs._unwrap import Ladder, Place, Rung, holds_axis
+from slkit.codecs._masks import Light, Reader, grey, measure_light
+from slkit.codecs._noise import NoiseCurve
+from slkit.codecs._phase import FringeSet, as_image, mean_of, modulated, noise_of, read_images, set_of
+from slkit.codecs._phase_rows import decode_rows
+from slkit.codecs._unwrap import Ladder, Place, holds_axis
 from slkit.data import Correspondences, Frames, Image
-from slkit.errors import DecodeError, InputError
+from slkit.errors import InputError
 from slkit.geometry import as_size
 from slkit.protocols import Bounds
 
@@ -141,34 +141,34 @@ class PhaseShift:
         Each frame is read once. sigma: period / (2 pi) sqrt(2 / steps) noise / modulation in projector px, with the
         noise of one frame measured in the frames themselves at that grey level, hypot the shift of a pixel that sees a
         patch (`displacement`). Two rings at the rim of what is lit are left out. confidence: the odds of every chosen
-        period against its neighbour (`Ladder`), times the chance that noise alone modulates less (`Wave.chance`).
+        period against its neighbour (`Ladder`), times the chance that noise alone modulates less (`wave_rows`).
         bounds (h, w, 4) choose the period where the coarsest set has more than one; otherwise they reject what lies
         outside. Errors: InputError where frames do not fit the patterns or the fringes need bounds; DecodeError where
         nothing is lit, or the sets contradict each other everywhere.
         """
         self._check_order(bounds)
-        names = list(self._profiles())
+        names, axes = list(self._profiles()), coded_axes(self.axes)
         reader = Reader(frames, names)
         references = [reader.color(0), reader.color(1)] if self.references else []
         light = measure_light(references[0], references[1], self.min_snr) if self.order == "gray" else None
-        axes = coded_axes(self.axes)
-        waves = {axis: self._read_waves(axis, reader, names) for axis in axes}
-        every = [wave for sets in waves.values() for wave in sets]
-        if bounds is not None and bounds.shape != (*every[0].level.shape, 4):
-            raise InputError(f"bounds must have the shape {(*every[0].level.shape, 4)}, not {bounds.shape}")
-        noise = _noise(every, light)
-        mask = _modulated(every, noise, light, self.min_snr)
-        places: list[Place] = []
+        sets, mean = self._read_sets(reader, names)
+        every = [fringes for axis in axes for fringes in sets[axis]]
+        shape = every[0].frames[0].shape
+        if bounds is not None and bounds.shape != (*shape, 4):
+            raise InputError(f"bounds must have the shape {(*shape, 4)}, not {bounds.shape}")
+        noise = noise_of(every) if light is None or len(every) > 1 else light.curve
+        mask = modulated(every, noise, None if light is None else light.mask, self.min_snr)
+        ladders: dict[int, Ladder] = {}
         for axis in axes:
             start = None if light is None else self._read_order(axis, reader, names, light, bounds)
-            places.append(self._climb(axis, waves[axis], noise, mask, start, bounds))
-        return _join(axes, places, references[0] if references else every[0].mean)
+            ladders[int(axis == "y")] = self._ladder(axis, sets[axis], noise, start, bounds)
+        return decode_rows(ladders, mask, references[0] if mean is None else mean)
 
     def lit(self, frames: Frames) -> Image:
         """Return the white picture as grey (h, w), or the mean of the first set of fringes. Errors: as `decode`."""
         reader = Reader(frames, list(self._profiles()))
-        fringes = self.fringes(coded_axes(self.axes)[0])
-        image = reader.color(0) if self.references else read_wave(reader, 0, fringes.steps, 1, 0.0).mean
+        steps = self.fringes(coded_axes(self.axes)[0]).steps
+        image = reader.color(0) if self.references else mean_of(read_images(reader, 0, steps))
         return as_image(grey(image), image)
 
     def _extent(self, axis: Axis) -> int:
@@ -195,11 +195,18 @@ class PhaseShift:
                     "add a set of one period, use order 'gray', or decode with bounds from a rig and a depth range"
                 )
 
-    def _read_waves(self, axis: Axis, reader: Reader, names: list[str]) -> list[Wave]:
-        """Return the waves of an axis, coarsest first."""
-        fringes = self.fringes(axis)
-        starts = {p: names.index(f"{axis}_{p:g}_0") for p in sorted(fringes.periods)}
-        return [read_wave(reader, start, fringes.steps, fringes.sign, fringes.offset) for start in starts.values()]
+    def _read_sets(self, reader: Reader, names: list[str]) -> tuple[dict[Axis, tuple[FringeSet, ...]], Image | None]:
+        """Return the sets of each axis, coarsest first, and without references the mean of the very first of them."""
+        sets, mean = dict[Axis, tuple[FringeSet, ...]](), None
+        for axis in coded_axes(self.axes):
+            fringes, found = self.fringes(axis), list[FringeSet]()
+            for periods in sorted(fringes.periods):
+                images = read_images(reader, names.index(f"{axis}_{periods:g}_0"), fringes.steps)
+                if mean is None and not self.references:
+                    mean = mean_of(images)
+                found.append(set_of(images, fringes.sign, fringes.offset, self._extent(axis) / periods))
+            sets[axis] = tuple(found)
+        return sets, mean
 
     def _read_order(self, axis: Axis, reader: Reader, names: list[str], light: Light, bounds: Bounds | None) -> Place:
         """Return the place that the Gray code gives: a pixel between two cells has both, and the border between."""
@@ -209,44 +216,9 @@ class PhaseShift:
         sigma = np.full_like(position, code.step / np.sqrt(12))
         return Place(position, sigma, probability(cells.margin), good)
 
-    def _climb(
-        self, axis: Axis, waves: list[Wave], noise: Noise, mask: Mask, start: Place | None, bounds: Bounds | None
-    ) -> Place:
-        extent, first = self._extent(axis), 0 if axis == "x" else 2
+    def _ladder(
+        self, axis: Axis, sets: tuple[FringeSet, ...], noise: NoiseCurve, start: Place | None, bounds: Bounds | None
+    ) -> Ladder:
+        first = 0 if axis == "x" else 2
         interval = None if bounds is None else (bounds[..., first], bounds[..., first + 1])
-        rungs: list[Rung] = []
-        chance = np.ones_like(waves[0].level)
-        for periods, wave in zip(sorted(self.fringes(axis).periods), waves, strict=True):
-            snr = wave.snr(noise)
-            rungs.append(Rung(wave.cycle, wave.cycle_sigma(snr), extent / periods))
-            chance *= wave.chance(snr)
-        found = Ladder(extent, self.max_period_distance, interval).climb(rungs, mask, start)
-        # The shift is not taken off, as it is noisier than the phase itself; sigma has to allow for it.
-        light = np.maximum(waves[-1].modulation, np.float32(1))
-        shift = VARIANCE * displacement(found.position, found.mask, light, rungs[-1].pitch / 2)
-        return Place(found.position, np.hypot(found.sigma, around(shift)), found.confidence * chance, found.mask)
-
-
-def _noise(waves: list[Wave], light: Light | None) -> Noise:
-    if len(waves) > 1:
-        return noise_of_pair(waves[-1], waves[-2])
-    return noise_of_one(waves[0]) if light is None else light.noise
-
-
-def _modulated(waves: list[Wave], noise: Noise, light: Light | None, min_snr: float) -> Mask:
-    saturated = np.logical_or.reduce([wave.saturated for wave in waves])
-    lit = np.logical_and.reduce([wave.snr(noise) > min_snr for wave in waves])
-    mask = lit & ~saturated if light is None else lit & ~saturated & light.mask
-    # Two rings: the modulation of a rim is large enough to be read long after its place has become its neighbour's.
-    mask = without_rim(without_rim(mask))
-    refuse_empty(mask, lit, saturated)
-    return mask
-
-
-def _join(axes: tuple[Axis, ...], places: list[Place], lit: Image) -> Correspondences:
-    mask = np.logical_and.reduce([found.mask for found in places])
-    if not mask.any():
-        raise DecodeError("no period could be told anywhere: the sets of fringes contradict each other or the bounds")
-    confidence = places[0].confidence if len(places) == 1 else np.multiply.reduce([p.confidence for p in places])
-    maps = {int(axis == "y"): (found.position, found.sigma) for axis, found in zip(axes, places, strict=True)}
-    return collect(mask, maps, confidence, lit)
+        return Ladder(self._extent(axis), self.max_period_distance, sets, noise.numbers, start, interval)

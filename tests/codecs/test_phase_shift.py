@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 
 from slkit import registry
 from slkit.calibration.detect import find_checkerboard, to_8bit
-from slkit.codecs._masks import Reader
-from slkit.codecs._phase import read_wave
+from slkit.codecs import _phase_rows
 from slkit.codecs.phase_shift import Fringes, PhaseShift
 from slkit.data import Frames
 from slkit.errors import DecodeError, InputError
@@ -240,6 +239,18 @@ def test_lit_is_white_or_the_mean_of_the_first_set() -> None:
     assert np.array_equal(bare.lit(colour), bare.lit(frames))
 
 
+@pytest.mark.parametrize("axes", ["x", "both"])
+def test_a_large_picture_is_the_sum_of_its_bands(axes: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    codec = PhaseShift((256, 96), axes)
+    frames = see(codec, texture=0.5)
+    whole = codec.decode(frames)
+    for rows in (1, 7, 95):
+        monkeypatch.setattr(_phase_rows, "_BAND_PX", rows * 256)
+        bands = codec.decode(frames)
+        for name in ("camera_xy", "projector_xy", "sigma", "confidence", "color"):
+            assert np.array_equal(getattr(bands, name), getattr(whole, name), equal_nan=True)
+
+
 @pytest.mark.parametrize(
     ("parameters", "message"),
     [
@@ -294,22 +305,3 @@ def test_real_board(pose: str, share: float) -> None:
     # Half a period of 71 px is a wrong order; distortion and stray light bend the plane by far less.
     assert np.mean(np.abs(off) > 35) < 2e-4
     assert 0.7 < robust_std((off / found.sigma[on_board])[:, 1]) < 1.6
-
-
-@settings(max_examples=25, deadline=None)
-@given(seed=st.integers(0, 2**32 - 1), steps=st.integers(3, 7), sign=st.sampled_from([1, -1]))
-def test_compiled_sums_give_the_phase_and_modulation_that_numpy_gives(seed: int, steps: int, sign: int) -> None:
-    rng = np.random.default_rng(seed)
-    shape = int(rng.integers(1, 40)), int(rng.integers(1, 40))
-    pictures = [rng.integers(0, 256, shape).astype(np.uint8) for _ in range(steps)]
-    offset = float(rng.uniform(-7, 7))
-    frames = Frames.of(pictures)
-    wave = read_wave(Reader(frames, frames.names), 0, steps, sign, offset)
-    shift = np.exp(1j * sign * 2 * np.pi * np.arange(steps) / steps)
-    total = np.tensordot(shift, np.stack(pictures).astype(float), 1)
-    away = (wave.cycle - (np.angle(total) - offset) / (2 * np.pi) + 0.5) % 1 - 0.5
-    assert (wave.cycle >= 0).all() and (wave.cycle < 1).all()
-    clear = np.abs(total) > 1
-    np.testing.assert_allclose(away[clear], 0, atol=2e-5)
-    np.testing.assert_allclose(wave.modulation, np.abs(total) * 2 / steps, atol=1e-3)
-    np.testing.assert_allclose(wave.level, np.mean(pictures, axis=0), rtol=1e-5)
