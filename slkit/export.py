@@ -22,8 +22,7 @@ def ply(cloud: PointCloud) -> bytearray:
     """
     from plyfile import PlyData, PlyElement
 
-    there = cloud.finite
-    cloud = cloud if there.all() else cloud.select(there)
+    cloud = cloud.select(cloud.finite)
     columns: dict[str, npt.NDArray[Any]] = dict(zip("xyz", cloud.xyz.T, strict=True))
     if cloud.normals is not None:
         columns |= dict(zip(("nx", "ny", "nz"), cloud.normals.T, strict=True))

@@ -20,8 +20,9 @@ from slkit.errors import DecodeError, InputError
 
 _LEAST_NEIGHBOURS = 6
 _SENSOR_BITS = (10, 12, 14)
-# Noise is measured in tiles, rows and columns of each in px: so many pixels, or one in so many where that is more.
-_TILE, _SAMPLE_PX, _SAMPLE_SHARE = (8, 32), 60_000, 5
+# Noise is measured in tiles, rows and columns of each in px: one pixel in so many, but as many pixels as this at least,
+# and at most.
+_TILE, _SAMPLE_SHARE, _SAMPLE_PX = (8, 32), 5, (60_000, 600_000)
 
 Levels = npt.NDArray[Any]
 """Grey levels (h, w): uint8, uint16 or float32."""
@@ -142,7 +143,7 @@ class Tiles:
         """
         height, width = shape
         high, wide = _TILE
-        count = np.sqrt(max(_SAMPLE_PX, height * width // _SAMPLE_SHARE) / (high * wide))
+        count = np.sqrt(np.clip(height * width // _SAMPLE_SHARE, *_SAMPLE_PX) / (high * wide))
         down, across = (int(np.ceil(count * r)) for r in (np.sqrt(height / width), np.sqrt(width / height)))
         if down * high >= height or across * wide >= width:
             rows, cols = np.indices(shape)

@@ -101,7 +101,9 @@ class PointCloud:
         return np.sqrt(np.maximum(square, 0, out=square), out=square)
 
     def select(self, keep: npt.NDArray[Any]) -> PointCloud:
-        """Return the points named by a mask (m,) or by indices."""
+        """Return the points named by a mask (m,) or by indices; the cloud itself where a mask names all."""
+        if keep.dtype == np.bool_ and keep.all():
+            return self
         return PointCloud(
             self.xyz[keep],
             self.color[keep],

@@ -39,12 +39,11 @@ def in_company(xyz: Singles, isolated_factor: float, remote_factor: float) -> Ma
         # Nothing there was seen by a camera that looks along z.
         ahead[ahead] = in_company(xyz[ahead], isolated_factor, remote_factor)
         return ahead
-    grid = _sorted(xyz, _SEARCHED)
-    some = np.arange(0, count, -(-count // _SAMPLE), dtype=np.int32)
-    reach = grid.reaches(some)[0]
-    farthest = remote_factor * float(np.median(grid.angles(some, reach)))
-    least, most = np.quantile(reach / grid.xyz[some, 2], [_LEAST, _MOST]).tolist()
+    least, most, median = _sample(xyz)
+    farthest = remote_factor * median
     keep, clear, limit = _counted(xyz, _BELOW * least, min(most, farthest, _WIDEST), isolated_factor)
+    # Sorted a second time rather than held meanwhile: two grids at once are most of the memory of a scan.
+    grid = _sorted(xyz, _SEARCHED)
     doubted = np.flatnonzero(~keep[grid.order]).astype(np.int32)
     reach, neighbors = grid.reaches(doubted)
     among_equals = clear[grid.order[doubted]] & (reach <= limit * grid.xyz[doubted, 2])
@@ -52,6 +51,15 @@ def in_company(xyz: Singles, isolated_factor: float, remote_factor: float) -> Ma
     among_equals[rest] = _compared(grid, doubted[rest], reach[rest], neighbors[rest], isolated_factor)
     keep[grid.order[doubted]] = among_equals & (grid.angles(doubted, reach) <= farthest)
     return keep
+
+
+def _sample(xyz: Singles) -> tuple[float, float, float]:
+    """Return the least and the most that tenth neighbours are away, as shares of z, and the median angle of that."""
+    grid = _sorted(xyz, _SEARCHED)
+    some = np.arange(0, len(xyz), -(-len(xyz) // _SAMPLE), dtype=np.int32)
+    reach, _ = grid.reaches(some)
+    least, most = np.quantile(reach / grid.xyz[some, 2], [_LEAST, _MOST]).tolist()
+    return least, most, float(np.median(grid.angles(some, reach)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -58,12 +58,12 @@ class Filters:
             raise InputError(f"the depth range must go from near to far, not from {depth_mm[0]} to {depth_mm[1]} mm")
         there = cloud.finite
         removed = {} if there.all() else {"no_point": int((~there).sum())}
-        cloud = _kept(cloud, there)
+        cloud = cloud.select(there)
         for name in ("depth", "residual", "sigma", "isolated"):
             if getattr(self, name):
                 keep = self._passes(name, cloud, depth_mm)
                 removed[name] = int((~keep).sum())
-                cloud = _kept(cloud, keep)
+                cloud = cloud.select(keep)
         return cloud, removed
 
     def _passes(self, name: str, cloud: PointCloud, depth_mm: tuple[float, float] | None) -> npt.NDArray[np.bool_]:
@@ -77,11 +77,6 @@ class Filters:
             sigma_mm = cloud.sigma_decoding_mm
             return ~(sigma_mm > self.sigma_factor * _median(sigma_mm))
         return in_company(cloud.xyz, self.isolated_factor, self.remote_factor)
-
-
-def _kept(cloud: PointCloud, keep: npt.NDArray[np.bool_]) -> PointCloud:
-    """Return the points of a mask (m,), without a copy where these are all."""
-    return cloud if keep.all() else cloud.select(keep)
 
 
 def _median(values: npt.NDArray[np.float32]) -> float:
