@@ -12,6 +12,7 @@ from slkit.data import PointCloud
 from slkit.errors import FileError
 
 _GREY = 0.7
+_AT_ONCE = 1 << 14  # rows that stay in the cache while their columns are filled
 
 
 def ply(cloud: PointCloud) -> bytearray:
@@ -26,9 +27,9 @@ def ply(cloud: PointCloud) -> bytearray:
     columns: dict[str, npt.NDArray[Any]] = dict(zip("xyz", cloud.xyz.T, strict=True))
     if cloud.normals is not None:
         columns |= dict(zip(("nx", "ny", "nz"), cloud.normals.T, strict=True))
-    columns |= dict(zip(("red", "green", "blue"), _bytes(cloud.color).T, strict=True))
+    columns |= dict(zip(("red", "green", "blue"), cloud.color.T, strict=True))
     columns |= {n: getattr(cloud, n) for n in ("sigma_mm", "sigma_cal_mm", "residual_px")}
-    kinds = [(name, values.dtype.newbyteorder("<")) for name, values in columns.items()]
+    kinds = [(name, "u1" if name in ("red", "green", "blue") else "<f4") for name in columns]
     vertex = PlyElement.describe(np.empty(0, dtype=kinds), "vertex")
     comments = ["units millimetres", "frame camera: x right, y down, z forward"]
     head = PlyData([vertex], text=False, byte_order="<", comments=comments).header
@@ -38,8 +39,10 @@ def ply(cloud: PointCloud) -> bytearray:
     data = bytearray(len(start) + len(cloud) * np.dtype(kinds).itemsize)
     data[: len(start)] = start
     rows = np.frombuffer(data, dtype=kinds, offset=len(start))
-    for name, values in columns.items():
-        rows[name] = values
+    for first in range(0, len(rows), _AT_ONCE):
+        part = slice(first, first + _AT_ONCE)
+        for (name, values), (_, kind) in zip(columns.items(), kinds, strict=True):
+            rows[name][part] = _bytes(values[part]) if kind == "u1" else values[part]
     return data
 
 

@@ -89,7 +89,8 @@ class PointCloud:
     @property
     def finite(self) -> npt.NDArray[np.bool_]:
         """Mask (m,) of the points that exist: xyz is not NaN."""
-        return np.asarray(np.isfinite(self.xyz).all(axis=1))
+        x, y, z = self.xyz.T
+        return np.isfinite(x) & np.isfinite(y) & np.isfinite(z)
 
     @property
     def sigma_decoding_mm(self) -> Float32s:
