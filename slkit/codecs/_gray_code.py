@@ -28,7 +28,7 @@ Mask = npt.NDArray[np.bool_]
 Profile = npt.NDArray[np.uint8]
 
 # More pictures of a code are not held in memory than those of so many bits.
-_AT_ONCE = 4
+_AT_ONCE = 6
 # Beyond so many sigmas noise turns nothing over, as far as float32 can tell.
 _MOST_SIGMAS = 6
 

@@ -85,7 +85,14 @@ def _roughness(evidence: Evidence) -> tuple[Float32s, Float32s]:
 
 
 def _winsorised(sizes: Float32s) -> float:
-    spread = 1.4826 * float(np.median(sizes))
+    spread = 1.4826 * median(sizes)
     # Rounding can make more than half of the differences vanish; the plain mean square is right then.
     limit = _WINSOR * spread if spread > 0 else np.inf
     return float(np.mean(np.minimum(sizes, limit) ** 2, dtype=np.float64))
+
+
+def median(values: Float32s) -> float:
+    """Return the median, several times as fast as NumPy's."""
+    middle = len(values) // 2
+    parts = np.partition(values, middle)
+    return float(parts[middle]) if len(values) % 2 else float(parts[:middle].max() + parts[middle]) / 2

@@ -9,7 +9,7 @@ from typing import TypeVar
 import numpy as np
 
 # So many pixels stay in a processor's cache with what is worked out for them.
-_BLOCK_PX = 16_384
+_BLOCK_PX = 65_536
 _LARGE_BLOCK_PX = 131_072
 
 S = TypeVar("S")

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from slkit.codecs._gray_code import Mask
+from slkit.codecs._noise import median
 from slkit.codecs._phase import Cut, FringeSet
 from slkit.codecs._rows import over_rows
 from slkit.data import Float32s
@@ -215,11 +216,4 @@ def _unforeseen(distance: Float32s, place: Place, own: Float32s, pitch: float) -
         return 0.0
     away, coarse, fine = distance[place.mask], place.sigma[place.mask], own[place.mask]
     predicted = (coarse / np.float32(pitch)) ** 2 + fine**2
-    return max((1.4826 * _median(np.abs(away))) ** 2 - _median(predicted), 0.0)
-
-
-def _median(values: Float32s) -> float:
-    """Return the median, several times as fast as NumPy's."""
-    middle = len(values) // 2
-    parts = np.partition(values, middle)
-    return float(parts[middle]) if len(values) % 2 else float(parts[:middle].max() + parts[middle]) / 2
+    return max((1.4826 * median(np.abs(away))) ** 2 - median(predicted), 0.0)
