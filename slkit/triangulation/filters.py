@@ -80,6 +80,8 @@ class Filters:
 
 
 def _median(values: npt.NDArray[np.float32]) -> float:
-    """Return the median of the finite values, infinity where there are none."""
+    """Return the median of the finite values, the upper one of two, infinity where there are none."""
     finite = values[np.isfinite(values)]
-    return float(np.median(finite)) if len(finite) else np.inf
+    middle = len(finite) // 2
+    # NumPy's median asks for both middle values, which takes ten times as long as one.
+    return float(np.partition(finite, middle)[middle]) if len(finite) else np.inf
