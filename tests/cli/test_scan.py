@@ -37,7 +37,8 @@ def refused(slkit, tmp_path: Path, *arguments: object) -> str:
 def test_json(slkit, folder: Path, rig_file: Path, tmp_path: Path):
     cloud = tmp_path / "cloud.ply"
     table = slkit("scan", folder, "--rig", rig_file, "-o", cloud, "--json").json
-    assert set(table) == {"points", "seconds", "sigma_mm", "sigma_decoding_mm", "sigma_cal_mm", "cloud"}
+    assert set(table) == {"points", "seconds", "sigma_mm", "sigma_decoding_mm", "sigma_cal_mm", "notes", "cloud"}
+    assert table["notes"] == []
     assert set(table["seconds"]) == {"read", "decode", "triangulate", "write"}
     assert 0 < table["sigma_mm"]["median"] <= table["sigma_mm"]["p95"]
     assert table["sigma_decoding_mm"] == table["sigma_mm"]
@@ -161,7 +162,9 @@ def test_a_sequence(slkit, folder: Path, rig_file: Path, tmp_path: Path):
     assert outcome.code == 0 and outcome.out.startswith("clouds: 1 of 1 scans in ")
     assert [f.name for f in (tmp_path / "clouds").iterdir()] == ["000000.ply"]
     table = slkit(*command, tmp_path / "again", "--json").json
-    assert set(table) == {"scans", "clouds", "points", "seconds", "first_failure", "scans_per_second", "folder"}
+    assert set(table) == {
+        *("scans", "clouds", "points", "seconds", "first_failure", "notes", "scans_per_second", "folder")
+    }
     assert len(read_ply((tmp_path / "again" / "000000.ply").read_bytes())) == table["points"]
     assert "--normals" in refused(slkit, tmp_path, *command, tmp_path / "n", "--normals")
     assert "no video" in refused(slkit, tmp_path, "scan", tmp_path / "a.mp4", *command[2:], tmp_path / "n")
