@@ -17,7 +17,7 @@ from fsspec.registry import known_implementations
 import slkit
 from slkit import jobs, pipeline
 from slkit.errors import FileError, InputError, SlkitError
-from slkit.files import read_rig, write_rig
+from slkit.files import read_image, read_rig, write_rig
 from slkit.geometry import Rig
 from slkit.jobs import _running
 from slkit.jobs._manifest import Manifest
@@ -112,6 +112,25 @@ def test_resume_repeats_exactly_what_it_must(root: Path, recipe: jobs.Recipe, ti
     ):
         assert repeated(replace(recipe, **other)) == everything
     assert repeated() == everything
+
+
+def test_a_stack_counts_as_its_pictures(root: Path, recipe: jobs.Recipe):
+    clouds = {name: expected(root / "captures" / name, recipe) for name in ("1", "2", "10")}
+    for name in clouds:
+        folder = root / "captures" / name
+        files = sorted(folder.glob("*.png"))
+        np.save(folder / "stack.npy", np.stack([read_image(file) for file in files]))
+        for file in files:
+            file.unlink()
+        toml = folder / "capture.toml"
+        toml.write_text("\n".join(line for line in toml.read_text().splitlines() if not line.startswith("frames")))
+    assert scan(root, recipe).scanned == 3
+    assert {name: (root / "clouds" / f"{name}.ply").read_bytes() for name in clouds} == clouds
+    assert scan(root, recipe).unchanged == 3
+    stack = np.load(root / "captures" / "2" / "stack.npy")
+    stack[0, 0, 0] ^= 1
+    np.save(root / "captures" / "2" / "stack.npy", stack)
+    assert scan(root, recipe).scanned == 1
 
 
 def test_another_version_repeats(root: Path, recipe: jobs.Recipe, monkeypatch: pytest.MonkeyPatch):

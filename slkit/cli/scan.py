@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -21,7 +22,9 @@ if TYPE_CHECKING:
 def scan(
     folder: Annotated[
         Path,
-        typer.Argument(metavar="SCAN_DIR", help="A folder with a capture.toml and the pictures, or a video beside it."),
+        typer.Argument(
+            metavar="SCAN_DIR", help="A folder with a capture.toml and the pictures, or a video or stack beside it."
+        ),
     ],
     rig: Annotated[Path, typer.Option("--rig", metavar="FILE", help="The rig that `slkit calibrate` wrote.")],
     output: Annotated[
@@ -85,13 +88,14 @@ def _scan_sequence(
     print(f"seconds: {number(result.seconds, 2)}, {number(rate, 1)} scans a second")
     if result.first_failure:
         print(f"without a cloud: {result.scans - result.clouds}, first {result.first_failure}")
+    _print_notes(result.notes)
 
 
 def _report(result: ScanResult, seconds: dict[str, float], output: Path, as_json: bool) -> None:
     cloud = result.cloud
     sigmas = {n: _spread(getattr(cloud, n)) for n in ("sigma_mm", "sigma_decoding_mm", "sigma_cal_mm")}
     if as_json:
-        print_json({"points": len(cloud), "seconds": seconds, **sigmas, "cloud": str(output)})
+        print_json({"points": len(cloud), "seconds": seconds, **sigmas, "notes": result.notes, "cloud": str(output)})
         return
     print(f"points: {len(cloud)} in {output}")
     removed = ", ".join(f"{name} {count}" for name, count in result.removed.items())
@@ -100,6 +104,12 @@ def _report(result: ScanResult, seconds: dict[str, float], output: Path, as_json
     print(f"sigma along the ray: median {number(whole['median'])} mm, 95 % below {number(whole['p95'])} mm")
     print(f"  of it from decoding: median {number(decoding['median'])} mm, from calibration: {_known(calibration)}")
     print("seconds: " + ", ".join(f"{stage} {number(value, 2)}" for stage, value in seconds.items()))
+    _print_notes(result.notes)
+
+
+def _print_notes(notes: Sequence[str]) -> None:
+    for note in notes:
+        print(f"note: {note}")
 
 
 def _spread(values: Any) -> dict[str, float]:

@@ -195,7 +195,11 @@ def grey(image: Image) -> Float32s:
     """Return a picture as float32 grey levels (h, w): colour by the mean of its channels."""
     if image.ndim == 2:
         return image.astype(np.float32)
-    return image.mean(axis=2, dtype=np.float32)
+    from slkit.codecs._grey_kernels import mean_rows
+
+    found = np.empty(image.shape[:2], dtype=np.float32)
+    over_rows(lambda first, last: mean_rows(image[first:last], found[first:last]), len(found))
+    return found
 
 
 def saturation(image: Image) -> npt.NDArray[np.bool_]:

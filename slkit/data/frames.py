@@ -18,11 +18,13 @@ Image = npt.NDArray[np.unsignedinteger[Any]]
 class Frames:
     """A sequence of pictures, projected or seen: `frames[i]` is (h, w) grey or (h, w, 3) RGB, uint8 or uint16.
 
-    names: one a frame, for messages and files. load: gives frame i, and may read it from disk at that moment.
+    names: one a frame, for messages and files. load: gives frame i, and may read it from disk at that moment. in_turn:
+    whether to ask for them in any other order than theirs, or for several at a time, costs much, as with a video.
     """
 
     names: tuple[str, ...]
     load: Callable[[int], Image] = field(repr=False)
+    in_turn: bool = False
 
     @classmethod
     def of(cls, images: Sequence[Image], names: Sequence[str] | None = None) -> Frames:
@@ -52,7 +54,7 @@ class Frames:
     def select(self, indices: Sequence[int]) -> Frames:
         """Return some of the frames, in the order of `indices`; nothing is loaded."""
         chosen = tuple(range(len(self))[i] for i in indices)
-        return Frames(tuple(self.names[i] for i in chosen), lambda i: self.load(chosen[i]))
+        return Frames(tuple(self.names[i] for i in chosen), lambda i: self.load(chosen[i]), self.in_turn)
 
     def stack(self) -> Image:
         """Return all frames as one array, (n, h, w) or (n, h, w, 3).

@@ -20,6 +20,7 @@ from slkit.files.images import (
     write_frames,
     write_png,
 )
+from slkit.files.losses import loss_notes
 from slkit.files.meshes import read_mesh
 from slkit.files.opencv import read_opencv, write_opencv
 from slkit.files.rig import plain, read_provenance, read_rig, rig_table, write_rig
@@ -35,6 +36,7 @@ __all__ = [
     "FrameSource",
     "PictureSequence",
     "Progress",
+    "loss_notes",
     "make_folder",
     "merged",
     "plain",

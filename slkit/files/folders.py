@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast
 
 from slkit.data import Frames
 from slkit.errors import FileError, InputError
-from slkit.files.sources import FrameSource, find_files, find_folders
+from slkit.files.losses import loss_notes
+from slkit.files.sources import SEVERAL_ENDINGS, FrameSource, find_files, find_folders
+from slkit.files.stacks import STACK_ENDINGS
 from slkit.files.tables import Table, read_toml, resolve_root, want
 from slkit.geometry import as_size
 
@@ -43,6 +45,10 @@ class CaptureFolder:
         """
         return self.source.frames(names, self.codec)
 
+    def notes(self, names: Sequence[str]) -> tuple[str, ...]:
+        """Return a sentence for each way in which the pictures were stored with loss. Errors: as `frames`."""
+        return loss_notes(self.source.paths(names, self.codec), str(self.source.folder))
+
 
 @dataclass(frozen=True)
 class CalibrationFolder:
@@ -63,8 +69,15 @@ class CalibrationFolder:
 def read_capture(path: str | Path) -> CaptureFolder:
     """Return what capture.toml in a folder, or a TOML file itself, says of a scan.
 
+    path may also be a stack or a video with a capture.toml beside it: it holds the frames, whatever `frames` says.
     Errors: FileError naming file and key.
     """
+    path = Path(path)
+    if path.suffix.lower() in SEVERAL_ENDINGS and not path.is_dir():
+        if not path.is_file():
+            raise FileError(f"there is no {'stack' if path.suffix.lower() in STACK_ENDINGS else 'video'} {path}")
+        found = read_capture(path.parent)
+        return replace(found, source=FrameSource(path.parent, {"": (path.name,)}, str(found.file)))
     file = toml_file(path, "capture.toml", "`slkit patterns` writes one to copy into the folder of your pictures")
     table = read_toml(file)
     unknown = set(table) - {"codec", "root", "projector", "parameters", "frames"}

@@ -9,6 +9,7 @@ import zlib
 from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ import numpy.typing as npt
 from slkit.data import Frames, Image, describe_image
 from slkit.errors import FileError, InputError
 from slkit.files.atomic import make_folder, write_bytes
+from slkit.files.stacks import STACK_ENDINGS, read_only_picture
 
 PICTURE_ENDINGS = (".png", ".tif", ".tiff", ".bmp", ".pgm", ".ppm", ".jpg", ".jpeg")
 Progress = Callable[[str, int, int], None]
@@ -32,7 +34,7 @@ _NUMBERED = re.compile(r"\d{3,}_.+\.png", re.IGNORECASE)
 
 
 def read_image(path: str | Path) -> Image:
-    """Return a picture as it is stored: (h, w) grey or (h, w, 3) RGB, uint8 or uint16.
+    """Return a picture as it is stored: (h, w) grey or (h, w, 3) RGB, uint8 or uint16; also that of a .npy file.
 
     An alpha channel is dropped; an EXIF orientation is not applied, for a turned picture belongs to another camera.
     Errors: FileError naming a file that is absent, damaged, truncated, or not a picture of 8 or 16 bits.
@@ -40,6 +42,8 @@ def read_image(path: str | Path) -> Image:
     import cv2
 
     path = Path(path)
+    if path.suffix.lower() in STACK_ENDINGS:
+        return read_only_picture(path)
     data = read_bytes(path)
     if data.startswith(_PNG_SIGNATURE) and not _png_is_whole(data):
         raise FileError(f"{path} is a damaged or truncated PNG picture: copy or take it again")
@@ -83,29 +87,38 @@ def read_frames(paths: Sequence[Path], names: Sequence[str]) -> Frames:
     """
     if len(paths) != len(names):
         raise InputError(f"{len(paths)} pictures need as many names, not {len(names)}")
-    files = tuple(paths)
+    return alike([(str(path), partial(read_image, path)) for path in paths], names)
+
+
+def alike(sources: Sequence[tuple[str, Callable[[], Image]]], names: Sequence[str], in_turn: bool = False) -> Frames:
+    """Return frames called `names` of one picture each: what to call it in messages, and what reads it.
+
+    in_turn: as of `Frames`. Errors, when one is asked for: as `read_frames`.
+    """
     first: list[str] = []
 
     def load(index: int) -> Image:
-        image = read_image(files[index])
+        where, read = sources[index]
+        image = read()
         if not first:
-            first.append(describe_image(image if index == 0 else read_image(files[0])))
+            first.append(describe_image(image if index == 0 else sources[0][1]()))
         if describe_image(image) != first[0]:
-            raise FileError(f"{files[index]} is {describe_image(image)}, but {files[0]} is {first[0]}")
+            raise FileError(f"{where} is {describe_image(image)}, but {sources[0][0]} is {first[0]}")
         return image
 
-    return Frames(tuple(names), load)
+    return Frames(tuple(names), load, in_turn)
 
 
 @contextmanager
 def reading_ahead(frames: Frames) -> Generator[Frames]:
-    """Give frames that are read a few at a time on all cores, before they are asked for in their order.
+    """Give frames that are read a few at a time on all cores, or in turn, before they are asked for in their order.
 
     The first is kept, since more than one asks for it; any other one is read anew when it is asked for again. Errors
     come when the frame is asked for, as from `frames` itself.
     """
     # Where compiled loops are held to fewer threads, other processes have the rest of the cores.
-    workers = min(int(os.environ.get("NUMBA_NUM_THREADS") or os.cpu_count() or 1), _MOST_READERS)
+    cores = int(os.environ.get("NUMBA_NUM_THREADS") or os.cpu_count() or 1)
+    workers = 1 if frames.in_turn else min(cores, _MOST_READERS)
     waiting: dict[int, Future[Image]] = {}
     given: set[int] = set()
     with ThreadPoolExecutor(workers) as pool:
@@ -152,6 +165,15 @@ def read_bytes(path: str | Path) -> bytes:
         return Path(path).read_bytes()
     except OSError as error:
         raise FileError(f"{path} cannot be read: {error.strerror or error}") from error
+
+
+def is_jpeg(path: Path) -> bool:
+    """Whether a file begins as JPEG does, whatever its name; False where it cannot be read."""
+    try:
+        with path.open("rb") as file:
+            return file.read(len(_JPEG_START)) == _JPEG_START
+    except OSError:
+        return False
 
 
 def _png_is_whole(data: bytes) -> bool:

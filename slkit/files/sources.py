@@ -5,12 +5,18 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
 from slkit.data import Frames
 from slkit.errors import FileError
-from slkit.files.images import PICTURE_ENDINGS, read_frames
+from slkit.files.images import PICTURE_ENDINGS, alike, read_image
+from slkit.files.stacks import STACK_ENDINGS, Pictures, open_stack
+from slkit.files.videos import VIDEO_ENDINGS, open_video
+
+SEVERAL_ENDINGS = (*STACK_ENDINGS, *VIDEO_ENDINGS)
+"""Endings of files that can hold several pictures."""
 
 _NAMED = 8
 
@@ -43,33 +49,84 @@ class FrameSource:
 
         Errors: FileError for a wrong number of pictures: how many are there, how many are needed, and which.
         """
-        return read_frames(self.paths(names, codec), names)
+        pictures = self._pictures(names, codec)
+        in_turn = any(picture.held.in_turn for picture in pictures)
+        return alike(
+            [(picture.where, partial(picture.held.load, picture.index)) for picture in pictures], names, in_turn
+        )
 
     def paths(self, names: Sequence[str], codec: str) -> list[Path]:
-        """Return one file a name. Errors: as `frames`."""
+        """Return one file a name, the same for pictures that lie in one file. Errors: as `frames`."""
+        return [picture.file for picture in self._pictures(names, codec)]
+
+    def _pictures(self, names: Sequence[str], codec: str) -> list[_Picture]:
         if not self.folder.is_dir():
             raise FileError(f"{self.where}: there is no folder {self.folder}")
         wanted: dict[str, list[str]] = {}
         for name in names:
             wanted.setdefault("" if "" in self.roles else name.split("_")[0], []).append(name)
-        queues = {role: iter(self._files(role, needed, codec)) for role, needed in wanted.items()}
+        queues = {role: iter(self._of_role(role, needed, codec)) for role, needed in wanted.items()}
         return [next(queues["" if "" in self.roles else name.split("_")[0]]) for name in names]
 
-    def _files(self, role: str, needed: Sequence[str], codec: str) -> list[Path]:
+    def _of_role(self, role: str, needed: Sequence[str], codec: str) -> list[_Picture]:
         if role not in self.roles:
             raise FileError(f"{self.where}: frames has no entry {role!r}, which {codec} needs ({len(needed)} pictures)")
-        files = find_files(self.folder, self.roles[role], self.where)
-        if len(files) == len(needed):
-            return files
+        files = find_frames(self.folder, self.roles[role], self.where)
+        pictures: list[_Picture] = []
+        for file in files:
+            held = open_pictures(file, len(needed))
+            pictures += [_Picture(file, held, index) for index in range(held.count)]
+        if len(pictures) == len(needed):
+            return pictures
         kind = f"{role} pictures" if role else "pictures"
-        problem = f"{self.folder} has {len(files)} {kind}, but {codec} needs {len(needed)}"
-        raise FileError(f"{problem}: {_difference(files, needed)}")
+        holder = files[0] if len(files) == 1 and files[0].suffix.lower() in SEVERAL_ENDINGS else self.folder
+        problem = f"{holder} has {len(pictures)} {kind}, but {codec} needs {len(needed)}"
+        raise FileError(f"{problem}: {_difference([picture.file for picture in pictures], needed)}")
 
 
-def find_files(folder: Path, entry: str | tuple[str, ...], where: str) -> list[Path]:
+@dataclass(frozen=True, eq=False)
+class _Picture:
+    """One of the pictures that a file holds."""
+
+    file: Path
+    held: Pictures
+    index: int
+
+    @property
+    def where(self) -> str:
+        return str(self.file) if self.held.count == 1 else f"{self.file}, picture {self.index}"
+
+
+def open_pictures(file: Path, needed: int = 1) -> Pictures:
+    """Return what a file of any format holds. needed: how many pictures of it are expected.
+
+    Errors: FileError for a stack or a video that cannot be read; a single picture is not opened yet.
+    """
+    if file.suffix.lower() in STACK_ENDINGS:
+        return open_stack(file)
+    if file.suffix.lower() in VIDEO_ENDINGS:
+        return open_video(file, needed)
+    return Pictures(1, lambda _: read_image(file))
+
+
+def find_frames(folder: Path, entry: str | tuple[str, ...], where: str) -> list[Path]:
+    """Return the same as `find_files`, or the one stack or video of the folder where it takes pictures and finds none.
+
+    Errors: as `find_files`.
+    """
+    found = find_files(folder, entry, where)
+    if not found and isinstance(entry, str) and (not entry or entry.endswith("*")):
+        several = find_files(folder, entry, where, SEVERAL_ENDINGS)
+        return several if len(several) == 1 else []
+    return found
+
+
+def find_files(
+    folder: Path, entry: str | tuple[str, ...], where: str, endings: Sequence[str] = PICTURE_ENDINGS
+) -> list[Path]:
     """Return the files of a glob in natural order (2 before 10), or of a list as it stands.
 
-    "" stands for every picture, and a glob that ends in * takes pictures only.
+    "" stands for every picture, and a glob that ends in * takes pictures only: files of these `endings`.
 
     Errors: FileError where a listed file is absent or the glob is none.
     """
@@ -85,7 +142,7 @@ def find_files(folder: Path, entry: str | tuple[str, ...], where: str) -> list[P
     except (NotImplementedError, ValueError) as error:
         raise FileError(f"{where}: {entry!r} is no pattern for files below {folder}") from error
     if not entry or entry.endswith("*"):
-        found = [p for p in found if p.suffix.lower() in PICTURE_ENDINGS]
+        found = [p for p in found if p.suffix.lower() in endings]
     return sorted(found, key=lambda path: natural_key(path.relative_to(folder).as_posix()))
 
 
@@ -124,7 +181,10 @@ def _entry(value: Any, where: str) -> str | tuple[str, ...]:
 def _difference(files: Sequence[Path], needed: Sequence[str]) -> str:
     """Say which frames are missing or too many, by the numbers in the file names where they carry any."""
     if not files:
-        return f"is this the right folder? Its pictures must end in {', '.join(PICTURE_ENDINGS)} or match the pattern"
+        return (
+            f"is this the right folder? Its pictures must end in {', '.join(PICTURE_ENDINGS)} or match the pattern, or "
+            "lie in one stack or video, which has to be named as `frames` where there are several"
+        )
     numbers = {int(m.group()): file.name for file in files if (m := re.match(r"\d+", file.name))}
     if len(numbers) == len(files):
         missing = [f"{i:03d}_{name}" for i, name in enumerate(needed) if i not in numbers]

@@ -42,6 +42,7 @@ def calibrate(
         task = dataclasses.replace(task, calibrator=model)
         calibration = solved(task, views, findings, progress)
         calibration = dataclasses.replace(calibration, notes=(*calibration.notes, *told))
+    calibration = dataclasses.replace(calibration, notes=(*calibration.notes, *task.notes))
     calibration = diagnose(calibration, task.calibrator, progress)
     if report is not None:
         write_report(report, calibration, task.captures, str(folder))

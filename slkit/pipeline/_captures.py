@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ from typing import Any
 from slkit import registry
 from slkit.data import Capture, Frames
 from slkit.errors import DecodeError, FileError, InputError, SlkitError
-from slkit.files import PICTURE_TABLES, CalibrationFolder, Progress, merged, read_calibration, read_image
+from slkit.files import PICTURE_TABLES, CalibrationFolder, Progress, loss_notes, merged, read_calibration, read_image
 from slkit.pipeline._patterns import load_codec
 from slkit.protocols import Calibrator, Codec
 
@@ -21,6 +22,7 @@ class CalibrationTask:
 
     dropped: name and reason of each pose whose pictures cannot be used. kinds: for every pose, used or dropped, the
     tables of calibration.toml it comes from. undecoded: the lit pictures of those whose light could not be decoded.
+    notes: sentences about the files.
     """
 
     calibrator: Calibrator
@@ -28,6 +30,7 @@ class CalibrationTask:
     dropped: tuple[tuple[str, str], ...]
     kinds: Mapping[str, str]
     undecoded: tuple[Capture, ...] = ()
+    notes: tuple[str, ...] = ()
 
 
 def load_calibration(
@@ -61,7 +64,18 @@ def load_calibration(
         if progress is not None:
             progress("read", index + 1, len(jobs))
     kinds = {name: kind for name, kind, _ in jobs}
-    return CalibrationTask(calibrator, tuple(captures), tuple(dropped), kinds, tuple(undecoded))
+    notes = loss_notes(_files(found), str(folder))
+    return CalibrationTask(calibrator, tuple(captures), tuple(dropped), kinds, tuple(undecoded), notes)
+
+
+def _files(found: CalibrationFolder) -> Iterator[Path]:
+    """Yield the files of all pictures but of those poses whose pictures are missing, which are dropped."""
+    for paths in found.images.values():
+        yield from paths
+    for _, folder in found.coded:
+        codec = load_codec(folder.codec, folder.projector, folder.parameters)
+        with suppress(FileError):
+            yield from folder.source.paths(codec.encode().names, folder.codec)
 
 
 def decode_capture(name: str, codec: Codec, frames: Frames) -> tuple[Capture, str]:

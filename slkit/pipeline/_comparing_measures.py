@@ -85,7 +85,7 @@ class Measure:
             "decode_s": one.decode_s,
         }
         numbers |= _sigmas(cloud) | dict(measured.numbers) | self._with_true_rig(one)
-        notes = measured.notes
+        notes = (*one.result.notes, *measured.notes)
         if isinstance(self.reference, Plate):
             noise = max(rough, numbers.get("sigma_decoding_mm", rough))
             notes = (*notes, *bent_note(measured.away_mm, noise))

@@ -27,13 +27,14 @@ class ScanResult:
     """A scan and its evidence.
 
     seconds: per stage; reading counts as far as decoding had to wait for it. removed: per filter, how many points it
-    took.
+    took. notes: sentences about the pictures, empty where there is nothing to tell.
     """
 
     cloud: PointCloud
     correspondences: Correspondences
     seconds: Mapping[str, float]
     removed: Mapping[str, int]
+    notes: tuple[str, ...] = ()
 
 
 def scan(
@@ -45,7 +46,7 @@ def scan(
     normals: bool = False,
     progress: Progress | None = None,
 ) -> ScanResult:
-    """Return the cloud, in the camera frame, of a folder with a capture.toml and the pictures.
+    """Return the cloud, in the camera frame, of a folder with a capture.toml and the pictures, a stack or a video.
 
     parameters: fields of the codec, before what capture.toml says. depth: nearest and farthest depth in mm.
     filters: a `triangulation.Filters`, default all. normals: estimate them.
@@ -57,7 +58,9 @@ def scan(
     found = read_capture(folder)
     given = merged(found.parameters, parameters or {})
     codec = with_rig_colors(load_codec(found.codec, found.projector, given, str(found.file)), rig)
-    with reading_ahead(found.frames(codec.encode().names)) as ahead:
+    names = codec.encode().names
+    notes = found.notes(names)
+    with reading_ahead(found.frames(names)) as ahead:
         frames, waiting = _watched(ahead, progress)
         check_rig(rig, codec, frames[0], str(folder))
         limits = None if depth is None else bounds(rig, depth)
@@ -77,7 +80,7 @@ def scan(
         "decode": max(decoded - started - sum(waiting[1:]), 0.0),
         "triangulate": finished - decoded,
     }
-    return ScanResult(cloud, correspondences, seconds, dict(removed))
+    return ScanResult(cloud, correspondences, seconds, dict(removed), notes)
 
 
 def bounds(rig: Rig, depth: tuple[float, float]) -> Bounds:

@@ -28,7 +28,8 @@ _CLOUD = re.compile(r"\d{6}\.ply")
 class SequenceResult:
     """scans: how many pictures, or sets of them, were seen; clouds, points: how many came of them.
 
-    seconds: from the first to the last. first_failure: which scan failed first and why, "" where none did.
+    seconds: from the first to the last. first_failure: which scan failed first and why, "" where none did. notes:
+    sentences about the pictures.
     """
 
     scans: int
@@ -36,6 +37,7 @@ class SequenceResult:
     points: int
     seconds: float
     first_failure: str
+    notes: tuple[str, ...] = ()
 
 
 def scan_sequence(
@@ -79,7 +81,7 @@ def scan_sequence(
             progress("scan", scans, max(total, scans))
     if not clouds:
         raise DecodeError(f"{found.name}: no cloud from {scans} scans: {failure or 'too few pictures for one'}")
-    return SequenceResult(scans, clouds, points, time.perf_counter() - started, failure)
+    return SequenceResult(scans, clouds, points, time.perf_counter() - started, failure, found.notes())
 
 
 @dataclass(frozen=True, eq=False)

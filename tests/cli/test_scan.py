@@ -2,6 +2,7 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -37,13 +38,54 @@ def refused(slkit, tmp_path: Path, *arguments: object) -> str:
 def test_json(slkit, folder: Path, rig_file: Path, tmp_path: Path):
     cloud = tmp_path / "cloud.ply"
     table = slkit("scan", folder, "--rig", rig_file, "-o", cloud, "--json").json
-    assert set(table) == {"points", "seconds", "sigma_mm", "sigma_decoding_mm", "sigma_cal_mm", "cloud"}
+    assert set(table) == {"points", "seconds", "sigma_mm", "sigma_decoding_mm", "sigma_cal_mm", "notes", "cloud"}
+    assert table["notes"] == []
     assert set(table["seconds"]) == {"read", "decode", "triangulate", "write"}
     assert 0 < table["sigma_mm"]["median"] <= table["sigma_mm"]["p95"]
     assert table["sigma_decoding_mm"] == table["sigma_mm"]
     assert table["sigma_cal_mm"] == {"median": None, "p95": None}
     assert table["cloud"] == str(cloud)
     assert f"element vertex {table['points']}\n".encode() in cloud.read_bytes()[:400]
+
+
+def test_loss_is_told(slkit, folder: Path, rig_file: Path, tmp_path: Path):
+    frames = sorted(folder.glob("0*.png"))
+    for frame in frames:
+        cv2.imwrite(str(frame.with_suffix(".jpg")), read_image(frame))
+        frame.unlink()
+    file = folder / "capture.toml"
+    file.write_text(file.read_text().replace(".png", ".jpg"))
+    note = f"{folder}: {len(frames)} of {len(frames)} pictures are JPEG, which changes grey levels and blurs edges"
+    command = ("scan", folder, "--rig", rig_file, "-o", tmp_path / "c.ply")
+    outcome = slkit(*command)
+    assert outcome.code == 0 and outcome.err == "" and outcome.out.count(f"note: {note}") == outcome.out.count("JPEG")
+    assert [n[: len(note)] for n in slkit(*command, "--json").json["notes"]] == [note]
+    sequence = (*command[:4], "--sequence", "-o")
+    assert f"note: {note}" in slkit(*sequence, tmp_path / "one").out
+    assert [n[: len(note)] for n in slkit(*sequence, tmp_path / "two", "--json").json["notes"]] == [note]
+
+
+def test_bad_stacks(slkit, folder: Path, rig_file: Path, tmp_path: Path):
+    frames = sorted(folder.glob("0*.png"))
+    stack = np.stack([read_image(frame) for frame in frames])
+    command = ("scan", folder, "--rig", rig_file, "-o", tmp_path / "c.ply")
+    for frame in frames:
+        frame.unlink()
+    file = folder / "capture.toml"
+    lines = [line for line in file.read_text().splitlines() if not line.startswith("frames")]
+    file.write_text("\n".join(['frames = "stack.npy"', *lines]))
+    assert "has 0 pictures" in refused(slkit, tmp_path, *command)
+    for wrong, words in (
+        (stack[:-1], f"stack.npy has {len(stack) - 1} pictures, but gray needs {len(stack)}"),
+        (stack / 255, "stack.npy holds float64 values: save pictures as uint8 or uint16"),
+        (np.array([None]), "stack.npy holds object values"),
+        (stack[:, :100], "192 x 100 px"),
+    ):
+        np.save(folder / "stack.npy", wrong)
+        assert words in refused(slkit, tmp_path, *command)
+    assert "no stack" in refused(slkit, tmp_path, "scan", folder / "absent.npz", *command[2:])
+    np.save(folder / "stack.npy", stack)
+    assert slkit(*command, "--json").json["points"] > 500
 
 
 def test_the_calibrations_share(slkit, folder: Path, small_rig: Rig, tmp_path: Path):
@@ -161,7 +203,9 @@ def test_a_sequence(slkit, folder: Path, rig_file: Path, tmp_path: Path):
     assert outcome.code == 0 and outcome.out.startswith("clouds: 1 of 1 scans in ")
     assert [f.name for f in (tmp_path / "clouds").iterdir()] == ["000000.ply"]
     table = slkit(*command, tmp_path / "again", "--json").json
-    assert set(table) == {"scans", "clouds", "points", "seconds", "first_failure", "scans_per_second", "folder"}
+    assert set(table) == {
+        *("scans", "clouds", "points", "seconds", "first_failure", "notes", "scans_per_second", "folder")
+    }
     assert len(read_ply((tmp_path / "again" / "000000.ply").read_bytes())) == table["points"]
     assert "--normals" in refused(slkit, tmp_path, *command, tmp_path / "n", "--normals")
     assert "no video" in refused(slkit, tmp_path, "scan", tmp_path / "a.mp4", *command[2:], tmp_path / "n")

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from slkit.codecs._masks import Reader, collect, colors_at, grey, measure_light, saturation, without_rim
+from slkit.codecs._masks import Reader, collect, colors_at, grey, levels, measure_light, saturation, without_rim
 from slkit.codecs._noise import Evidence, noise_curve
 from slkit.data import Frames
 from slkit.errors import DecodeError, InputError
@@ -78,6 +78,19 @@ def test_saturation_knows_sensors_of_fewer_bits() -> None:
     color = np.zeros((2, 2, 3), np.uint8)
     color[0, 1, 2] = 255
     assert saturation(color).tolist() == [[False, True], [False, False]]
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16])
+@pytest.mark.parametrize("turned", [False, True])
+def test_grey_is_the_mean_of_the_channels(rng: np.random.Generator, kind: type, turned: bool) -> None:
+    picture = rng.integers(0, np.iinfo(kind).max, (37, 53, 3), kind, endpoint=True)
+    picture[0, 0], picture[0, 1] = 0, np.iinfo(kind).max
+    picture = picture[::-1, :, ::-1] if turned else picture
+    found = grey(picture)
+    assert found.dtype == np.float32
+    np.testing.assert_array_equal(found, picture.mean(axis=2, dtype=np.float32))
+    np.testing.assert_array_equal(levels(picture), found)
+    np.testing.assert_array_equal(grey(picture[..., 0]), picture[..., 0])
 
 
 def test_the_reader_refuses_what_does_not_fit() -> None:

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -166,6 +167,53 @@ def test_a_pose_with_a_frame_too_few_is_dropped_and_named(coded: Path, tmp_path:
         sorted((folder / pose).glob("*.png"))[0].unlink()
     with pytest.raises(CalibrationError, match="1 of 4 coded views can be used.*pose1: .*pose2: .*pose3: "):
         pipeline.calibrate(folder)
+
+
+def test_coded_light_from_stacks_is_that_of_the_pictures(coded: Path, tmp_path: Path):
+    folder = shutil.copytree(coded, tmp_path / "calib")
+    for number, pose in enumerate(sorted(folder.glob("pose*"))):
+        files = sorted(pose.glob("*.png"))
+        pictures = [read_image(file) for file in files]
+        np.save(pose / "a.npy", np.stack(pictures)) if number % 2 else np.savez(pose / "a.npz", np.stack(pictures))
+        for file in files:
+            file.unlink()
+    file = folder / "calibration.toml"
+    file.write_text("\n".join(line for line in file.read_text().splitlines() if not line.startswith("frames")))
+    task, expected = pipeline.load_calibration(folder), pipeline.load_calibration(coded)
+    assert not task.dropped and not task.notes
+    for mine, theirs in zip(task.captures, expected.captures, strict=True):
+        assert mine.name == theirs.name
+        np.testing.assert_array_equal(mine.lit, theirs.lit)
+        np.testing.assert_array_equal(mine.correspondences.projector_xy, theirs.correspondences.projector_xy)
+
+
+@pytest.mark.usefixtures("recorder")
+def test_arrays_as_single_pictures_and_stacks_that_are_none(tmp_path: Path):
+    folder = folder_of_pictures(tmp_path)
+    (folder / "a").mkdir()
+    file = folder / "calibration.toml"
+    file.write_text(file.read_text().replace("a/*.png", "a/*.npy"))
+    for name, shape in (("0", (6, 8)), ("1", (6, 8, 3)), ("2", (2, 6, 8)), ("3", (1, 6, 8))):
+        np.save(folder / "a" / f"{name}.npy", np.full(shape, 99, np.uint8))
+    task = pipeline.load_calibration(folder)
+    assert [c.name for c in task.captures] == ["a/0", "a/1", "a/3"]
+    ((name, reason),) = task.dropped
+    assert name == "a/2" and "2.npy is a stack of 2 pictures, but one picture is needed here" in reason
+
+
+def test_loss_in_some_pictures_is_told_once(coded: Path, tmp_path: Path):
+    folder = shutil.copytree(coded, tmp_path / "calib")
+    files = sorted(folder.glob("pose[12]/*.png"))
+    for file in files:
+        file.write_bytes(cv2.imencode(".jpg", read_image(file))[1].tobytes())
+    count = len(sorted(folder.glob("pose*/*.png")))
+    calibration = pipeline.calibrate(folder, select=True)
+    told = [note for note in calibration.notes if "JPEG" in note]
+    assert told == [
+        f"{folder}: {len(files)} of {count} pictures are JPEG, which changes grey levels and blurs edges: "
+        "save PNG pictures"
+    ]
+    assert pipeline.provenance(calibration)["notes"].count(told[0]) == 1
 
 
 def test_what_the_pictures_told_is_kept_when_the_lens_model_is_selected(coded: Path, tmp_path: Path):
