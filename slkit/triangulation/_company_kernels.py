@@ -47,17 +47,19 @@ def cells_of(xyz: Singles, origin: Singles, size: float, columns: int, out: Whol
 
 
 @_compiled
-def sort_by_cell(xyz: Singles, cell: Wholes, starts: Wholes, order: Wholes, out: Singles) -> None:
-    """Write where each cell begins (cells + 1,), the order of the points by cell, and the points in that order."""
-    starts[:] = 0
+def count_cells(cell: Wholes, out: Wholes) -> None:
+    """Write how many points (n,) lie in each cell (c,)."""
+    out[:] = 0
     for i in range(len(cell)):
-        starts[cell[i] + 1] += 1
-    for c in range(len(starts) - 1):
-        starts[c + 1] += starts[c]
-    place = starts[:-1].copy()
-    for i in range(len(cell)):
-        k = place[cell[i]]
-        place[cell[i]] = k + 1
+        out[cell[i]] += 1
+
+
+@_compiled
+def sort_by_cell(xyz: Singles, cell: Wholes, first: int, place: Wholes, order: Wholes, out: Singles) -> None:
+    """Write the points from `first` on and their numbers to the next free place (c,) of their cells."""
+    for i in range(first, first + len(cell)):
+        k = place[cell[i - first]]
+        place[cell[i - first]] = k + 1
         order[k] = i
         out[k, 0], out[k, 1], out[k, 2] = xyz[i, 0], xyz[i, 1], xyz[i, 2]
 
@@ -158,7 +160,7 @@ def _ring(
 @_compiled
 def _nearest(
     xyz: Singles,
-    cell: Wholes,
+    cell: int,
     starts: Wholes,
     columns: int,
     step: float,
@@ -166,9 +168,9 @@ def _nearest(
     square: Singles,
     who: Wholes,
 ) -> None:
-    """Write the squared distances and numbers of the nearest points of point i."""
+    """Write the squared distances and numbers of the nearest points of point i, which lies in a cell."""
     square[:] = np.inf
-    row, col = divmod(cell[i], columns)
+    row, col = divmod(cell, columns)
     farthest = max(columns, (len(starts) - 1) // columns)
     ring = 0
     while ring <= farthest:
@@ -182,7 +184,6 @@ def _nearest(
 @_compiled
 def reaches(
     xyz: Singles,
-    cell: Wholes,
     starts: Wholes,
     columns: int,
     step: float,
@@ -190,13 +191,16 @@ def reaches(
     reach: Singles,
     neighbors: Wholes,
 ) -> None:
-    """Write the distance to the tenth neighbour of each of some points (k,), and who the ten are (k, 10).
+    """Write the distance to the tenth neighbour of some points (k,), in rising order, and who the ten are (k, 10).
 
-    xyz (n, 3) is sorted by cell (n,); starts (cells + 1,): where each cell begins; step: its side over the length of
-    the longest direction.
+    xyz (n, 3) is sorted by cell; starts (cells + 1,): where each cell begins; step: its side over the length of the
+    longest direction.
     """
     square = np.empty(NEIGHBORS, dtype=np.float32)
+    cell = np.searchsorted(starts, which[0], side="right") - 1 if len(which) else 0
     for k in range(len(which)):
+        while starts[cell + 1] <= which[k]:
+            cell += 1
         _nearest(xyz, cell, starts, columns, step, which[k], square, neighbors[k])
         reach[k] = np.sqrt(square[NEIGHBORS - 1])
 

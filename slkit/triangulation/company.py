@@ -39,11 +39,12 @@ def in_company(xyz: Singles, isolated_factor: float, remote_factor: float) -> Ma
         # Nothing there was seen by a camera that looks along z.
         ahead[ahead] = in_company(xyz[ahead], isolated_factor, remote_factor)
         return ahead
-    least, most, median = _sample(xyz)
-    farthest = remote_factor * median
-    keep, clear, limit = _counted(xyz, _BELOW * least, min(most, farthest, _WIDEST), isolated_factor)
-    # Sorted a second time rather than held meanwhile: two grids at once are most of the memory of a scan.
     grid = _sorted(xyz, _SEARCHED)
+    some = np.arange(0, count, -(-count // _SAMPLE), dtype=np.int32)
+    reach, _ = grid.reaches(some)
+    farthest = remote_factor * float(np.median(grid.angles(some, reach)))
+    least, most = np.quantile(reach / grid.xyz[some, 2], [_LEAST, _MOST]).tolist()
+    keep, clear, limit = _counted(xyz, _BELOW * least, min(most, farthest, _WIDEST), isolated_factor)
     doubted = np.flatnonzero(~keep[grid.order]).astype(np.int32)
     reach, neighbors = grid.reaches(doubted)
     among_equals = clear[grid.order[doubted]] & (reach <= limit * grid.xyz[doubted, 2])
@@ -53,22 +54,12 @@ def in_company(xyz: Singles, isolated_factor: float, remote_factor: float) -> Ma
     return keep
 
 
-def _sample(xyz: Singles) -> tuple[float, float, float]:
-    """Return the least and the most that tenth neighbours are away, as shares of z, and the median angle of that."""
-    grid = _sorted(xyz, _SEARCHED)
-    some = np.arange(0, len(xyz), -(-len(xyz) // _SAMPLE), dtype=np.int32)
-    reach, _ = grid.reaches(some)
-    least, most = np.quantile(reach / grid.xyz[some, 2], [_LEAST, _MOST]).tolist()
-    return least, most, float(np.median(grid.angles(some, reach)))
-
-
 @dataclass(frozen=True, eq=False)
 class _Grid:
-    """Points (n, 3) in an order (n,) by cell (n,); starts (cells + 1,): where each cell begins; step: see `reaches`."""
+    """Points (n, 3) in an order (n,) by cell; starts (cells + 1,): where each cell begins; step: see `reaches`."""
 
     order: Wholes
     xyz: Singles
-    cell: Wholes
     starts: Wholes
     columns: int
     step: float
@@ -78,10 +69,10 @@ class _Grid:
         return (len(self.starts) - 1) // self.columns
 
     def reaches(self, which: Wholes) -> tuple[Singles, Wholes]:
-        """Return the distance to the tenth neighbour of some points (k,), and the ten neighbours (k, 10)."""
+        """Return the distance to the tenth neighbour of points (k,), which rise, and the ten (k, 10)."""
         from slkit.triangulation._company_kernels import NEIGHBORS, reaches
 
-        told = self.xyz, self.cell, self.starts, self.columns, self.step
+        told = self.xyz, self.starts, self.columns, self.step
         reach, neighbors = np.empty(len(which), np.float32), np.empty((len(which), NEIGHBORS), np.int32)
         in_parts(lambda a, b: reaches(*told, which[a:b], reach[a:b], neighbors[a:b]), len(which))
         return reach, neighbors
@@ -137,7 +128,7 @@ def _compared(grid: _Grid, which: Wholes, reach: Singles, neighbors: Wholes, fac
 
 def _sorted(xyz: Singles, points: float, step: float = np.inf) -> _Grid:
     """Return the points by cell, which holds so many on average, or fewer where its step would be larger than given."""
-    from slkit.triangulation._company_kernels import cells_of, extent_of, sort_by_cell
+    from slkit.triangulation._company_kernels import cells_of, count_cells, extent_of, sort_by_cell
 
     corners = np.empty(4, np.float32)
     extent_of(xyz, corners)
@@ -149,8 +140,18 @@ def _sorted(xyz: Singles, points: float, step: float = np.inf) -> _Grid:
     # A cloud along a line, or one far apart, would have a grid of very many cells.
     size = max(size, float(extent.max()) / len(xyz), float(np.sqrt(extent[0] * extent[1] / len(xyz))))
     columns, rows = (int(e / size) + 2 for e in extent)
-    cell, order = np.empty(len(xyz), np.int32), np.empty(len(xyz), np.int32)
-    in_parts(lambda a, b: cells_of(xyz[a:b], low, size, columns, cell[a:b]), len(xyz))
-    starts, placed = np.empty(rows * columns + 1, np.int32), np.empty_like(xyz)
-    sort_by_cell(xyz, cell, starts, order, placed)
-    return _Grid(order, placed, cell[order], starts, columns, size / longest)
+    cell, order, placed = np.empty(len(xyz), np.int32), np.empty(len(xyz), np.int32), np.empty_like(xyz)
+    counts: dict[int, Wholes] = {}
+
+    def count(a: int, b: int) -> None:
+        cells_of(xyz[a:b], low, size, columns, cell[a:b])
+        counts[a] = np.empty(rows * columns, np.int32)
+        count_cells(cell[a:b], counts[a])
+
+    in_parts(count, len(xyz))
+    every = np.stack([counts[a] for a in sorted(counts)])
+    starts = np.concatenate([[0], np.cumsum(every.sum(axis=0))]).astype(np.int32)
+    # Each part continues where the one before leaves off in every cell.
+    places = dict(zip(sorted(counts), starts[:-1] + np.cumsum(every, axis=0, dtype=np.int32) - every, strict=True))
+    in_parts(lambda a, b: sort_by_cell(xyz, cell[a:b], a, places[a], order, placed), len(xyz))
+    return _Grid(order, placed, starts, columns, size / longest)
