@@ -3,6 +3,8 @@
 PYTHON ?= python3
 BIN := .venv/bin
 INSTALLED := .venv/.installed
+BENCH := .venv-bench/bin
+BENCH_INSTALLED := .venv-bench/.installed
 
 .PHONY: install demo compare test check bench faults patterns lock clean
 
@@ -32,10 +34,21 @@ check: $(INSTALLED)
 	$(BIN)/lint-imports
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
-# Speeds as ratios within one run.
-bench: $(INSTALLED)
+# Speeds as ratios within one run; with PAGE=docs/performance.md they are written there, too.
+bench: $(INSTALLED) $(BENCH_INSTALLED)
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/benchmarks.py
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/decoding_benchmarks.py --large
+	mkdir -p .benchmarks
+	OPENBLAS_NUM_THREADS=1 $(BENCH)/python -m pytest --quiet --noconftest -c /dev/null --rootdir tests \
+	  -p no:cacheprovider --benchmark-json .benchmarks/others.json tests/bench_others.py
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/decoding_benchmarks.py --large --others .benchmarks/others.json \
+	  $(if $(PAGE),--page $(PAGE))
+
+# The others bring an OpenCV that takes the place of ours; the lock leaves ours out, hence no dependencies.
+$(BENCH_INSTALLED): requirements-bench.lock pyproject.toml
+	$(PYTHON) -m venv .venv-bench
+	$(BENCH)/python -m pip install --quiet --disable-pip-version-check --no-deps --require-hashes -r requirements-bench.lock
+	$(BENCH)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	touch $@
 
 # Makes every mistake of docs/faults.md on purpose and fills its table; takes a while.
 faults: $(INSTALLED)
@@ -49,6 +62,9 @@ patterns: $(INSTALLED)
 lock:
 	uv pip compile pyproject.toml --group check --group test --group build --universal --python-version 3.11 \
 	  --generate-hashes --no-header --no-emit-index-url --upgrade --quiet --output-file requirements.lock
+	uv pip compile pyproject.toml --group bench --group build --universal --python-version 3.11 \
+	  --no-emit-package opencv-python-headless --no-emit-package opencv-contrib-python \
+	  --generate-hashes --no-header --no-emit-index-url --upgrade --quiet --output-file requirements-bench.lock
 
 clean:
-	rm -rf .venv demo comparison site
+	rm -rf .venv .venv-bench .benchmarks demo comparison site

@@ -3,10 +3,11 @@
 OPENBLAS_NUM_THREADS=1 python tests/decoding_benchmarks.py
 
 All times are by the clock, the least of several, and each ratio is taken within this run. A copy moves the bytes that
-the work beside it reads and writes, on one thread. --large adds pictures of 4096 x 3000 px; --page FILE puts what is
-printed into a page of the documentation.
+the work beside it reads and writes, on one thread. --large adds pictures of 4096 x 3000 px; --others FILE adds what
+`bench_others.py` measured; --page FILE puts what is printed into a page of the documentation.
 """
 
+import json
 import subprocess
 import sys
 import tempfile
@@ -60,12 +61,18 @@ def rig_of(width: int, height: int) -> Rig:
     )
 
 
-def seen(codec: Any, width: int, height: int) -> Frames:
-    """Return what a camera sees of a codec's patterns on an ellipse of a gently waved wall, with noise of 2 levels."""
-    rng = np.random.default_rng(0)
+def seen_at(width: int, height: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the projector column and row (h, w) that each pixel of the camera sees, on a gently waved wall."""
     y, x = np.mgrid[0:height, 0:width].astype(np.float32)
     to_x = (0.05 + 0.9 * x / width) * PROJECTOR[0] + 3 * np.sin(20 * y / height)
-    to_y = (0.05 + 0.9 * y / height) * PROJECTOR[1]
+    return to_x, (0.05 + 0.9 * y / height) * PROJECTOR[1]
+
+
+def seen(codec: Any, width: int, height: int) -> Frames:
+    """Return what a camera sees of a codec's patterns on an ellipse of that wall, with noise of 2 levels."""
+    rng = np.random.default_rng(0)
+    y, x = np.mgrid[0:height, 0:width].astype(np.float32)
+    to_x, to_y = seen_at(width, height)
     lit = ((x / width - 0.5) / 0.46) ** 2 + ((y / height - 0.5) / 0.46) ** 2 < 1
     paint = np.where(lit, 0.5 + 0.25 * np.sin(9 * x / width) * np.cos(7 * y / height), 0)
     noise = [rng.normal(10, 2, (height, width)).astype(np.float32) for _ in range(3)]
@@ -185,6 +192,20 @@ def batches(captures: int = 24) -> Iterator[str]:
         yield f"slkit batch, {captures} captures of {len(pictures)} PNGs of 1024 x 768 px: {told}"
 
 
+def others(path: Path) -> Iterator[str]:
+    """What `bench_others.py` measured, from the file that pytest-benchmark wrote."""
+    least: dict[str, dict[str, float]] = {}
+    for one in json.loads(path.read_text(encoding="utf-8"))["benchmarks"]:
+        by = one["name"].split("_by_")[1].split("[")[0]
+        least.setdefault(one["group"], {})[by] = one["stats"]["min"]
+    for group, seconds in least.items():
+        ours = seconds.pop("slkit")
+        for by, theirs in seconds.items():
+            cameras = ", of two cameras" if by == "opencv" else ""
+            told = f"{by} {1e3 * theirs:.0f} ms{cameras}, {theirs / ours:.1f} times as long"
+            yield f"{group}: slkit {1e3 * ours:.1f} ms; {told}"
+
+
 def page(path: Path, lines: list[str]) -> None:
     """Put lines between the marks of a page."""
     head, rest = path.read_text(encoding="utf-8").split(START)
@@ -197,7 +218,10 @@ if __name__ == "__main__":
     large = "--large" in sys.argv
     sizes = [(1024, 768)] + ([(4096, 3000)] if large else [])
     told: list[str] = []
-    for part in (*(decoders(*s) for s in sizes), *(whole_scan(*s) for s in sizes), batches()):
+    parts = [*(decoders(*s) for s in sizes), *(whole_scan(*s) for s in sizes), batches()]
+    if "--others" in sys.argv:
+        parts.append(others(Path(sys.argv[sys.argv.index("--others") + 1])))
+    for part in parts:
         for line in part:
             print(line, flush=True)
             told.append(line)
