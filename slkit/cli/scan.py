@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from slkit.cli._common import JsonOption, SetOption, number, parse_settings, print_json, progress_bar
+from slkit.device import on_device
 from slkit.errors import InputError
 
 if TYPE_CHECKING:
@@ -41,6 +42,9 @@ def scan(
         list[str] | None, typer.Option("--no-filter", metavar="NAME", help="Switch a filter off; may be repeated.")
     ] = None,
     normals: Annotated[bool, typer.Option("--normals", help="Estimate a normal for every point.")] = False,
+    device: Annotated[
+        str, typer.Option("--device", metavar="NAME", help="cpu, or cuda for what a graphics processor can do.")
+    ] = "cpu",
     as_json: JsonOption = False,
 ) -> None:
     """Turn pictures of projected patterns into a point cloud."""
@@ -48,12 +52,14 @@ def scan(
     from slkit.files import read_rig
 
     if sequence:
+        if device != "cpu":
+            raise InputError("--device is for single scans: a sequence runs on the processor")
         off = ["isolated", *(no_filter or ())]
         _scan_sequence(folder, read_rig(rig), output, parse_settings(settings), depth, off, normals, as_json)
         return
     pipeline.exporter(output)
     filters = pipeline.make_filters(no_filter or ())
-    with progress_bar() as progress:
+    with on_device(device), progress_bar() as progress:
         result = pipeline.scan(
             folder, read_rig(rig), parse_settings(settings), depth, filters, normals=normals, progress=progress
         )

@@ -18,6 +18,7 @@ from slkit.codecs._masks import Levels, Light
 from slkit.codecs._rows import over_blocks
 from slkit.codecs._separation import SEPARATION_BITS, Pair, robust_bit, separate
 from slkit.data import Float32s, Frames
+from slkit.device import on_cuda
 from slkit.errors import InputError
 from slkit.protocols import Bounds
 
@@ -172,6 +173,9 @@ def add_bits(
 
     shown: the grey levels (h, w) of each name, all of one type. A few rows pass through all of the bits at a time.
     """
+    if on_cuda():
+        _add_bits_on_cuda(code, bits, shown, light, rule, cells)
+        return
     from slkit.codecs._cell_kernels import add_pair, add_single, least_squares
 
     noise = light.curve.numbers
@@ -190,6 +194,18 @@ def add_bits(
         cells.lo[rows], cells.hi[rows] = lo, hi
 
     over_blocks(block, light.mask.shape)
+
+
+def _add_bits_on_cuda(
+    code: CellCode, bits: range, shown: Mapping[str, Levels], light: Light, rule: BitRule, cells: Cells
+) -> None:
+    from slkit.codecs._cuda_kernels import add_bits as on_device
+
+    lit = np.stack([shown[f"{code.axis}_bit{bit}"] for bit in bits])
+    inverse = np.stack([shown[f"{code.axis}_bit{bit}_inverse"] for bit in bits]) if code.inverse else lit[:0]
+    limits = np.array([rule.snr, rule.contrast], dtype=np.float32)
+    state = cells.lo, cells.hi, cells.square
+    on_device(lit, inverse, (light.white, light.black), light.curve.numbers, limits, bits.start, *state)
 
 
 def _read_with_care(

@@ -53,6 +53,18 @@ def run(blocks: Callable[..., None], rows: Callable[..., None], found: Correspon
     return PointCloud(xyz, found.color, whole, residual_px, found.camera_xy, sigma_cal_mm=calibration)
 
 
+def run_on_cuda(found: Correspondences, rig: Rig) -> PointCloud:
+    """Return the ray-plane points, one a row, by the loop of single rows on a CUDA device. Errors: as `run`."""
+    from slkit.triangulation._cuda_kernels import ray_plane
+
+    devices = _lens(rig.camera), _lens(rig.projector), _pose(rig.projector_from_camera)
+    covariance = rig_covariance(rig)
+    full = np.empty((0, 0)) if covariance is None else covariance
+    out = ray_plane((found.camera_xy, found.projector_xy, found.sigma), devices, full)
+    whole = _both(out[:, 3], out[:, 5])
+    return PointCloud(out[:, :3], found.color, whole, out[:, 4], found.camera_xy, sigma_cal_mm=out[:, 5])
+
+
 def _empty(rows: int) -> tuple[Singles, Singles, Singles, Singles]:
     a, b, c = (np.empty(rows, np.float32) for _ in range(3))
     return np.empty((rows, 3), np.float32), a, b, c

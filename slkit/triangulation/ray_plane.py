@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from slkit.data import Correspondences, PointCloud
+from slkit.device import on_cuda
 from slkit.geometry import Rig
-from slkit.triangulation._run import run
+from slkit.triangulation._run import run, run_on_cuda
 
 
 def ray_plane(correspondences: Correspondences, rig: Rig) -> PointCloud:
@@ -21,6 +22,8 @@ def ray_plane(correspondences: Correspondences, rig: Rig) -> PointCloud:
     Source: the scalar equation proj(R z m + T) = x_p, solved by Newton's method on 1 / z with analytic derivatives,
     started where the distortion-free plane of light is.
     """
+    if on_cuda():
+        return run_on_cuda(correspondences, rig)
     from slkit.triangulation._kernels import ray_plane_rows
     from slkit.triangulation._ray_plane_block_kernels import ray_plane_blocks
 
