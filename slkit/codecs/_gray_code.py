@@ -162,7 +162,9 @@ def read_cells(
     cells = Cells(lo, hi, np.full(lo.shape, np.inf, dtype=np.float32), lo)
     for first in range(0, code.bits, _AT_ONCE):
         bits = range(first, min(first + _AT_ONCE, code.bits))
-        add_bits(code, bits, {name: read(name) for bit in bits for name in code.names_of(bit)}, light, rule, cells)
+        # In display order: a video can only be read forwards.
+        shown = {name: read(name) for bit in reversed(bits) for name in code.names_of(bit)}
+        add_bits(code, bits, shown, light, rule, cells)
     return cells
 
 

@@ -97,8 +97,9 @@ class PointCloud:
         """The decoding's share (m,) of sigma_mm, which differs from point to point."""
         calibration = np.nan_to_num(self.sigma_cal_mm)
         # A difference of squares as a product: single precision is enough.
-        square = self.sigma_mm - calibration
-        square *= self.sigma_mm + calibration
+        with np.errstate(over="ignore"):
+            square = self.sigma_mm - calibration
+            square *= self.sigma_mm + calibration
         return np.sqrt(np.maximum(square, 0, out=square), out=square)
 
     def select(self, keep: npt.NDArray[Any]) -> PointCloud:

@@ -135,7 +135,7 @@ def reading_ahead(frames: Frames) -> Generator[Frames]:
             return (waiting.pop(index) if index else waiting[0]).result()
 
         try:
-            yield Frames(frames.names, load)
+            yield Frames(frames.names, load, frames.in_turn)
         finally:
             for future in waiting.values():
                 future.cancel()

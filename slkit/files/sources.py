@@ -81,7 +81,14 @@ class FrameSource:
         kind = f"{role} pictures" if role else "pictures"
         holder = files[0] if len(files) == 1 and files[0].suffix.lower() in SEVERAL_ENDINGS else self.folder
         problem = f"{holder} has {len(pictures)} {kind}, but {codec} needs {len(needed)}"
-        raise FileError(f"{problem}: {_difference([picture.file for picture in pictures], needed)}")
+        raise FileError(
+            f"{problem}: {_difference([picture.file for picture in pictures], needed)}{self._beside(files)}"
+        )
+
+    def _beside(self, files: Sequence[Path]) -> str:
+        """Name the stacks and videos that pictures in the same folder hide."""
+        others = [f for f in find_files(self.folder, "*", self.where, SEVERAL_ENDINGS) if f not in files]
+        return f"; there is {_some([f.name for f in others])}, too: name it as frames in {self.where}" if others else ""
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,9 +8,9 @@ import zlib
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from threading import Lock
+from tokenize import TokenError
 from typing import IO, Any
 
 import numpy as np
@@ -136,14 +136,15 @@ class _Member:
     """A stack in an archive, which can only be unpacked from its beginning on."""
 
     def __init__(self, path: Path, name: str, array: _Array) -> None:
-        self._array, self._lock = array, Lock()
-        self._open = partial(zipfile.ZipFile(path).open, name)
-        self._member = self._open()
+        self._path, self._name, self._array, self._lock = path, name, array, Lock()
+        self._member: IO[bytes] | None = None
 
     def load(self, index: int) -> Image:
         shape = self._array.shape[1:]
         size = math.prod(shape) * self._array.dtype.itemsize
         with self._lock, _told(self._array.where):
+            if self._member is None:
+                self._member = zipfile.ZipFile(self._path).open(self._name)
             self._member.seek(self._array.start + index * size)
             return _held(np.frombuffer(self._member.read(size), self._array.dtype).reshape(shape))
 
@@ -164,8 +165,8 @@ def _told(where: str) -> Generator[None]:
         yield
     except OSError as error:
         raise FileError(f"{where} cannot be read: {error.strerror or error}") from error
-    # Encrypted members are a RuntimeError.
-    except (ValueError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error) as error:
+    # Encrypted members are a RuntimeError, a damaged head can be a SyntaxError or TokenError.
+    except (ValueError, EOFError, RuntimeError, SyntaxError, TokenError, zipfile.BadZipFile, zlib.error) as error:
         raise FileError(
             f"{where} cannot be read as pictures of NumPy: it is empty, damaged, truncated, or something else"
         ) from error

@@ -26,5 +26,6 @@ def uninterrupted() -> Generator[None]:
         yield
     finally:
         signal.signal(signal.SIGINT, handler)
-        if came:
-            handler(*came[-1])
+    # An error within says more than the interrupt does.
+    if came:
+        handler(*came[-1])

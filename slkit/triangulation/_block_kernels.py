@@ -5,7 +5,8 @@ lenses and poses as tuples.
 
 The numbers of a block lie in one flat array, a slot of BLOCK values each at a constant place: with an array each the
 compiler would have to doubt whether they overlap. Newton's method steps all rows of a block until the last has arrived.
-What cannot be solved becomes NaN; the caller tries those rows one by one.
+What cannot be solved becomes NaN; the caller tries those rows one by one. Only the place of arrival is judged, not the
+way there: where extreme distortion leaves several, it may be another one than that of the loop of single rows.
 """
 
 from __future__ import annotations

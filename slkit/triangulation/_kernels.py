@@ -8,7 +8,7 @@ infinity. The derivatives are analytic. A lens is (fx, skew, cx, fy, cy, k1, k2,
 nine numbers of the rotation, row by row, and the translation.
 
 Numba's cache does not see a change in the file of a function that is called: after one here delete the __pycache__
-folder beside it, or two_rays goes on with the old code.
+folder beside it, or whatever calls it goes on with the old code.
 """
 
 from __future__ import annotations

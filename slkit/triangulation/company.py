@@ -44,7 +44,10 @@ def in_company(xyz: Singles, isolated_factor: float, remote_factor: float) -> Ma
     reach, _ = grid.reaches(some)
     farthest = remote_factor * float(np.median(grid.angles(some, reach)))
     least, most = np.quantile(reach / grid.xyz[some, 2], [_LEAST, _MOST]).tolist()
+    # Sorted a second time rather than held meanwhile: two grids at once are much of the memory of a scan.
+    del grid
     keep, clear, limit = _counted(xyz, _BELOW * least, min(most, farthest, _WIDEST), isolated_factor)
+    grid = _sorted(xyz, _SEARCHED)
     doubted = np.flatnonzero(~keep[grid.order]).astype(np.int32)
     reach, neighbors = grid.reaches(doubted)
     among_equals = clear[grid.order[doubted]] & (reach <= limit * grid.xyz[doubted, 2])
@@ -93,13 +96,16 @@ def _counted(xyz: Singles, narrow: float, wide: float, factor: float) -> tuple[M
 
     # A neighbour may be nearer to the camera than the point itself.
     limit = factor * narrow / (1 + factor * narrow)
-    grid = _sorted(xyz, _COUNTED, min(wide, limit))
+    wide = min(wide, limit)
+    grid = _sorted(xyz, _COUNTED, wide)
+    # Where few points fill a large picture the cells are larger than asked for.
+    wide = min(wide, grid.step)
     near, clear = np.empty(len(xyz), dtype=np.bool_), np.empty(len(xyz), dtype=np.bool_)
     dense = np.zeros(len(grid.starts) - 1, dtype=np.bool_)
 
     def count(first: int, last: int) -> None:
         for row in range(first, last):
-            crowd(grid.xyz, grid.starts, grid.columns, grid.step, narrow, row, near, dense)
+            crowd(grid.xyz, grid.starts, grid.columns, wide, narrow, row, near, dense)
 
     in_parts(count, grid.rows, 16)
     for row in range(grid.rows):

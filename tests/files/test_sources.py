@@ -88,3 +88,9 @@ def test_folders(tmp_path: Path):
     assert [p.name for p in find_folders(tmp_path, ["other", "pose9"], "x")] == ["other", "pose9"]
     with pytest.raises(FileError, match="x must be"):
         find_folders(tmp_path, 4, "x")
+
+
+def test_a_stack_hidden_by_a_picture_is_named(tmp_path: Path):
+    touch(tmp_path, "preview.png", "stack.npy")
+    with pytest.raises(FileError, match=r"there is stack\.npy, too: name it as frames in "):
+        found(tmp_path, None)

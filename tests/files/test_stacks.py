@@ -159,6 +159,13 @@ def test_files_of_another_kind(tmp_path: Path, ending: str):
         open_stack(file)
 
 
+def test_a_damaged_head_is_one_sentence(tmp_path: Path):
+    file = tmp_path / "b.npy"
+    file.write_bytes(b"\x93NUMPY\x01\x00\x10\x00" + 15 * b"(" + b"\n")
+    with pytest.raises(FileError, match=r"b\.npy cannot be read as pictures of NumPy"):
+        open_stack(file)
+
+
 def test_archives_that_are_no_stack(tmp_path: Path):
     with zipfile.ZipFile(tmp_path / "a.npz", "w"):
         pass

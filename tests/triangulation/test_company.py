@@ -37,6 +37,24 @@ def test_the_same_points_have_company_as_by_a_tree(seed: int, side: int, strays:
     assert differ.sum() <= 1
 
 
+@pytest.mark.parametrize("width", [1, 2, 3, 30])
+@pytest.mark.parametrize("turn", [0.0, 0.8])
+def test_strays_near_a_rod_are_found(width: int, turn: float) -> None:
+    """Of what fills little of the picture, such as a rod across it, strays have no company either."""
+    rng = np.random.default_rng(width)
+    length = 9000 // width
+    along, across = np.meshgrid(np.linspace(-0.4, 0.4, length), np.arange(width) * 0.8 / length)
+    spacing, turned = 0.8 / length * 600, np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+    rod = np.c_[np.stack([along, across], -1).reshape(-1, 2) @ turned * 600, np.full(length * width, 600.0)]
+    rod += rng.normal(0, 0.05 * spacing, rod.shape)
+    strays = rod[rng.choice(len(rod), 60, replace=False)]
+    strays[:, 2] += spacing * rng.uniform(20, 80, 60)
+    xyz = np.concatenate([rod, strays]).astype(np.float32)
+    expected = twin(xyz, 4, 10)
+    assert (~expected).sum() >= 30
+    assert (in_company(xyz, 4, 10) != expected).sum() <= 1
+
+
 def test_a_line_of_points_and_equal_points_are_no_trouble() -> None:
     line = np.stack([np.arange(500), np.zeros(500), np.full(500, 800)], axis=1).astype(np.float32)
     np.testing.assert_array_equal(in_company(line, 4, 10), twin(line, 4, 10))
