@@ -1,4 +1,4 @@
-"""What decoding, triangulating and scanning cost beside moving and reading the same bytes; `make bench` runs it.
+"""What decoding, triangulating and scanning cost beside moving and reading the same bytes, as a table of ratios.
 
 OPENBLAS_NUM_THREADS=1 python tests/decoding_benchmarks.py
 
@@ -12,86 +12,51 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
+from bench_pictures import LARGE, PROJECTOR, SMALL, least_seconds, pairs, rig_of, right, seen, with_columns_only
+from bench_table import Row, heading, page
 from scipy.spatial import KDTree
 
 import slkit
 from slkit import jobs
-from slkit.codecs._gray_code import BitRule, CellCode, read_cells
-from slkit.codecs._masks import measure_light
 from slkit.codecs.gray import Gray
 from slkit.codecs.line_shift import LineShift
 from slkit.codecs.phase_shift import Fringes, PhaseShift
-from slkit.data import Correspondences, Frames
+from slkit.data import Correspondences, Frames, PointCloud
 from slkit.files import read_image, write_png
-from slkit.geometry import Pinhole, Pose, Rig
-from slkit.triangulation import Filters, triangulate
+from slkit.geometry import Rig
+from slkit.triangulation import Filters, ray_plane, two_rays
 
-PROJECTOR = (1024, 768)
-START, END = "<!-- measured -->", "<!-- /measured -->"
-
-
-def least_seconds(work: Callable[[], object], times: int = 5) -> float:
-    """Return the least time by the clock that a call takes, after one that does not count."""
-    work()
-    seconds: list[float] = []
-    for _ in range(times):
-        started = time.perf_counter()
-        work()
-        seconds.append(time.perf_counter() - started)
-    return min(seconds)
+FINE_PROJECTOR = (2048, 1536)
+"""Gray code of both of its axes takes 46 pictures."""
+ASKED = {
+    "gray": ("2", "1.5"),
+    "phase": ("3", "3"),
+    "line": ("10", "10"),
+    "plane": ("6", "4"),
+    "scan": ("1.3, and 700 ms", "1.3"),
+}
+"""What issue 5 asks for, of small and of large pictures."""
 
 
-def rig_of(width: int, height: int) -> Rig:
-    """Return a rig with projector distortion whose devices see the same square metre."""
-    scale = width / 1024
-    camera = np.array([[1300 * scale, 0, width / 2], [0, 1300 * scale, height / 2], [0, 0, 1]])
-    projector = np.array([[1300.0, 0, 512], [0, 1300, 384], [0, 0, 1]])
-    pose = Pose.from_rotation_vector([0, 0.25, 0], [-250, 0, 30])
-    return Rig(
-        Pinhole((width, height), camera, np.array([-0.1, 0.02, 0, 0, 0])),
-        Pinhole(PROJECTOR, projector, np.array([-0.05, 0.01, 0, 0, 0])),
-        pose,
-    )
+def asked(name: str, rig: Rig) -> str:
+    return ASKED[name][rig.camera.size == LARGE]
 
 
-def seen_at(width: int, height: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the projector column and row (h, w) that each pixel of the camera sees, on a gently waved wall."""
-    y, x = np.mgrid[0:height, 0:width].astype(np.float32)
-    to_x = (0.05 + 0.9 * x / width) * PROJECTOR[0] + 3 * np.sin(20 * y / height)
-    return to_x, (0.05 + 0.9 * y / height) * PROJECTOR[1]
+def sized(work: str, rig: Rig) -> str:
+    width, height = rig.camera.size
+    return f"{work}, {width} x {height}"
 
 
-def seen(codec: Any, width: int, height: int) -> Frames:
-    """Return what a camera sees of a codec's patterns on an ellipse of that wall, with noise of 2 levels."""
-    rng = np.random.default_rng(0)
-    y, x = np.mgrid[0:height, 0:width].astype(np.float32)
-    to_x, to_y = seen_at(width, height)
-    lit = ((x / width - 0.5) / 0.46) ** 2 + ((y / height - 0.5) / 0.46) ** 2 < 1
-    paint = np.where(lit, 0.5 + 0.25 * np.sin(9 * x / width) * np.cos(7 * y / height), 0)
-    noise = [rng.normal(10, 2, (height, width)).astype(np.float32) for _ in range(3)]
-    pictures = []
-    for k, pattern in enumerate(codec.encode()):
-        light = cv2.remap(pattern.astype(np.float32), to_x, to_y, cv2.INTER_LINEAR)
-        level = cv2.GaussianBlur(light, (0, 0), 0.7) * paint + noise[k % 3]
-        pictures.append(np.clip(np.rint(level), 0, 255).astype(np.uint8))
-    return Frames.of(pictures, codec.encode().names)
-
-
-def cells_in_numpy(codec: Gray, frames: Frames) -> tuple[float, float]:
-    """Return the seconds that the cells of every pixel and their margins take in NumPy, and in compiled loops."""
-    images = dict(zip(frames.names, frames, strict=True))
-    light = measure_light(images["white"], images["black"], codec.min_snr)
-    code = CellCode("x", PROJECTOR[0], codec.step, codec.inverse)
-    rule = BitRule(codec.bit_snr, codec.min_contrast, robust=False)
-    plain = least_seconds(lambda: read_cells(code, images.__getitem__, light, rule, lambda *_: None), 2)
-    return plain, least_seconds(lambda: read_cells(code, images.__getitem__, light, rule), 3)
+def copying(count: int) -> float:
+    """Return the seconds that a copy of so many bytes takes."""
+    source, target = np.ones(count, np.uint8), np.empty(count, np.uint8)
+    return least_seconds(lambda: np.copyto(target, source), 10)
 
 
 def bytes_of(frames: Frames, found: Correspondences) -> int:
@@ -100,60 +65,80 @@ def bytes_of(frames: Frames, found: Correspondences) -> int:
     return sum(f.nbytes for f in frames) + sum(a.nbytes for a in written)
 
 
-def copying(count: int) -> float:
-    """Return the seconds that a copy of so many bytes takes."""
-    source, target = np.ones(count, np.uint8), np.empty(count, np.uint8)
-    return least_seconds(lambda: np.copyto(target, source))
-
-
-def decoders(width: int, height: int) -> Iterator[str]:
-    """Decoding beside a copy of its bytes, and the cells of Gray code in NumPy."""
-    yield f"decoding, {width} x {height} px"
+def decoding(rig: Rig) -> Iterator[Row]:
+    """Decoding, beside a copy of its bytes."""
     codecs = {
         "gray": Gray(PROJECTOR),
-        "phase-shift, 4 steps": PhaseShift(PROJECTOR, x=Fringes((64.0, 8.0, 1.0))),
-        "line-shift": LineShift(PROJECTOR),
+        "phase": PhaseShift(PROJECTOR, x=Fringes((64.0, 8.0, 1.0)), references=False),
+        "line": LineShift(PROJECTOR),
     }
+    works = {"gray": "Gray code, columns", "phase": "phase shift, 3 sets of 4 steps", "line": "line shift"}
     for name, codec in codecs.items():
-        frames = seen(codec, width, height)
+        frames = seen(codec, rig)
         found = codec.decode(frames)
-        ours, copy = least_seconds(lambda c=codec, f=frames: c.decode(f), 3), copying(bytes_of(frames, found))
-        told = f"{1e3 * ours:.1f} ms, {ours / copy:.1f} times a copy"
-        yield f"  {name}, {len(frames)} pictures, {len(found)} points: {told}"
-        if name == "gray":
-            plain, compiled = cells_in_numpy(codec, frames)
-            yield f"  gray cells and margins in NumPy: {plain / compiled:.1f} times as long"
-            yield from points(found, rig_of(width, height))
+        assert right(found, rig)
+        ours, work = least_seconds(lambda c=codec, f=frames: c.decode(f)), sized(f"decoding {works[name]}", rig)
+        yield Row(work, ours, "memcpy", copying(bytes_of(frames, found)), "floor", asked(name, rig))
 
 
-def points(found: Correspondences, rig: Rig) -> Iterator[str]:
-    """Triangulating, beside a copy of its bytes and OpenCV's two views; and the search for company beside a tree."""
-    cloud = triangulate(found, rig)
-    ours = least_seconds(lambda: triangulate(found, rig), 3)
+def triangulating(rig: Rig) -> Iterator[Row]:
+    """Triangulating, beside a copy of its bytes, and the search for company beside a tree."""
+    found, xyz = pairs(rig)
+    # Two pixels and a sigma are read, a point, two sigmas and a residual written.
     copy = copying(len(found) * 4 * (2 + 2 + 2 + 3 + 3))
-    some = found.select(np.arange(0, len(found), 16))
-    pair = [np.ascontiguousarray(np.nan_to_num(a).T, dtype=np.float64) for a in (some.camera_xy, some.projector_xy)]
-    views = [rig.camera.K @ np.eye(3, 4), rig.projector.K @ np.eye(3, 4)]
-    theirs = 16 * least_seconds(lambda: cv2.triangulatePoints(*views, *pair), 2)
-    told = f"{ours / copy:.1f} times a copy; cv2.triangulatePoints {theirs / ours:.1f} times as long"
-    yield f"  triangulating with both lenses, sigma of {len(found)} points: {1e3 * ours:.1f} ms, {told}"
-    cloud = cloud.select(cloud.finite)
+    columns = with_columns_only(found)
+    assert near(ray_plane(columns, rig), xyz) and near(two_rays(found, rig), xyz)
+    plane, rays = least_seconds(lambda: ray_plane(columns, rig)), least_seconds(lambda: two_rays(found, rig), 3)
+    yield Row(sized("ray-plane, projector distortion", rig), plane, "memcpy", copy, "floor", asked("plane", rig))
+    yield Row(sized("two rays, both lenses", rig), rays, "memcpy", copy, "floor")
+    cloud = ray_plane(columns, rig)
     filters = Filters(residual=False, sigma=False, depth=False)
     company = least_seconds(lambda: filters.apply(cloud), 2)
     tree = least_seconds(lambda: KDTree(cloud.xyz).query(cloud.xyz, k=11, workers=-1), 1)
-    yield f"  points without company: {1e3 * company:.1f} ms; a KDTree's neighbours {tree / company:.1f} times as long"
+    yield Row(sized("points without company", rig), company, "SciPy's KDTree, 10 neighbours, all cores", tree, "peer")
+    yield from writing(cloud, rig)
 
 
-def whole_scan(width: int, height: int) -> Iterator[str]:
+def near(cloud: PointCloud, xyz: np.ndarray) -> bool:
+    return bool(np.quantile(np.abs(cloud.xyz - xyz), 0.99) < 0.01)
+
+
+def writing(cloud: PointCloud, rig: Rig) -> Iterator[Row]:
+    """The file of a cloud, beside the writing of its bytes."""
+    with tempfile.TemporaryDirectory() as folder:
+        path, raw = Path(folder) / "cloud.ply", Path(folder) / "raw"
+        ours = least_seconds(lambda: slkit.write_cloud(path, cloud), 3)
+        data = path.read_bytes()
+        yield Row(
+            sized("a cloud's PLY", rig),
+            ours,
+            "writing its bytes",
+            least_seconds(lambda: write(raw, data), 3),
+            "floor",
+            "1.2",
+        )
+
+
+def write(path: Path, data: bytes) -> None:
+    path.write_bytes(data)
+
+
+def stored(folder: Path, pictures: Any, projector: tuple[int, int], axes: str) -> None:
+    """Write a scan folder of Gray code."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for k, picture in enumerate(pictures):
+        write_png(folder / f"{k:03d}.png", picture)
+    text = f'codec = "gray"\nprojector = [{projector[0]}, {projector[1]}]\naxes = "{axes}"\n'
+    (folder / "capture.toml").write_text(text, encoding="utf-8")
+
+
+def whole_scan(rig: Rig) -> Iterator[Row]:
     """The whole command `slkit scan` beside reading the same PNGs on two threads."""
-    codec = Gray(PROJECTOR)
+    rig = rig_of(*rig.camera.size, FINE_PROJECTOR)
     with tempfile.TemporaryDirectory() as folder:
         root = Path(folder)
-        for k, (name, picture) in enumerate(zip(codec.encode().names, seen(codec, width, height), strict=True)):
-            write_png(root / f"{k:03d}_{name}.png", picture)
-        text = f'codec = "gray"\nprojector = [{PROJECTOR[0]}, {PROJECTOR[1]}]\n'
-        (root / "capture.toml").write_text(text, encoding="utf-8")
-        slkit.write_rig(root / "rig.json", rig_of(width, height), {})
+        stored(root, seen(Gray(FINE_PROJECTOR, axes="both"), rig), FINE_PROJECTOR, "both")
+        slkit.write_rig(root / "rig.json", rig, {})
         files = sorted(root.glob("*.png"))
 
         def read() -> None:
@@ -162,68 +147,60 @@ def whole_scan(width: int, height: int) -> Iterator[str]:
 
         program = "from slkit.cli import main; main()"
         command = [sys.executable, "-c", program, "scan", folder, "--rig", str(root / "rig.json"), "-o"]
-        whole = least_seconds(lambda: subprocess.run([*command, str(root / "cloud.ply")], check=True, stdout=-3), 3)
-        reading = least_seconds(read, 3)
-        told = f"{whole:.2f} s, {whole / reading:.2f} times reading them ({reading:.2f} s)"
-        yield f"slkit scan of {len(files)} PNGs of {width} x {height} px, with start and cloud: {told}"
+        whole = least_seconds(lambda: subprocess.run([*command, str(root / "cloud.ply")], check=True, stdout=-3), 2)
+        work = sized(f"slkit scan of {len(files)} PNGs, whole", rig)
+        yield Row(work, whole, "reading them with two threads", least_seconds(read, 3), "floor", asked("scan", rig))
 
 
-def batches(captures: int = 24) -> Iterator[str]:
-    """One and two workers on the same small captures, once each has warmed up."""
+def batches(captures: int = 24) -> Iterator[Row]:
+    """One and two workers on the same small captures."""
     with tempfile.TemporaryDirectory() as folder:
-        root = Path(folder)
-        codec = Gray(PROJECTOR)
-        pictures = list(seen(codec, 1024, 768))
+        root, rig = Path(folder), rig_of(*SMALL)
+        pictures = list(seen(Gray(PROJECTOR), rig))
         for c in range(captures):
-            place = root / "captures" / f"{c:02d}"
-            place.mkdir(parents=True)
-            for k, picture in enumerate(pictures):
-                write_png(place / f"{k:03d}.png", picture)
-            text = f'codec = "gray"\nprojector = [{PROJECTOR[0]}, {PROJECTOR[1]}]\n'
-            (place / "capture.toml").write_text(text, encoding="utf-8")
-        recipe = jobs.Recipe(rig_of(1024, 768))
-        rates = []
+            stored(root / "captures" / f"{c:02d}", pictures, PROJECTOR, "x")
+        seconds = []
         for workers in (1, 2):
             with jobs.local_pool(workers) as pool:
                 started = time.perf_counter()
-                jobs.scan_all(str(root / "captures" / "*"), recipe, str(root / f"clouds{workers}"), pool)
-                rates.append(captures / (time.perf_counter() - started))
-        told = f"{rates[0]:.2f} captures a second with one worker, {rates[1] / rates[0]:.2f} times as many with two"
-        yield f"slkit batch, {captures} captures of {len(pictures)} PNGs of 1024 x 768 px: {told}"
+                done = jobs.scan_all(
+                    str(root / "captures" / "*"), jobs.Recipe(rig), str(root / f"clouds{workers}"), pool
+                )
+                seconds.append((time.perf_counter() - started) / captures)
+            assert done.scanned == captures
+        work = sized(f"slkit batch, two workers, a capture of {len(pictures)} PNGs", rig)
+        yield Row(work, seconds[1], "one worker", seconds[0], "peer", "1.8")
 
 
-def others(path: Path) -> Iterator[str]:
+def others(path: Path) -> Iterator[Row]:
     """What `bench_others.py` measured, from the file that pytest-benchmark wrote."""
-    least: dict[str, dict[str, float]] = {}
+    groups: dict[str, list[Any]] = {}
     for one in json.loads(path.read_text(encoding="utf-8"))["benchmarks"]:
-        by = one["name"].split("_by_")[1].split("[")[0]
-        least.setdefault(one["group"], {})[by] = one["stats"]["min"]
-    for group, seconds in least.items():
-        ours = seconds.pop("slkit")
-        for by, theirs in seconds.items():
-            cameras = ", of two cameras" if by == "opencv" else ""
-            told = f"{by} {1e3 * theirs:.0f} ms{cameras}, {theirs / ours:.1f} times as long"
-            yield f"{group}: slkit {1e3 * ours:.1f} ms; {told}"
+        groups.setdefault(one["group"], []).append(one)
+    for work, (ours, *rest) in groups.items():
+        assert ours["extra_info"]["by"] == "slkit", work
+        for one in rest:
+            told = one["extra_info"]
+            yield Row(
+                work, ours["stats"]["min"], told["by"], one["stats"]["min"] * told["times"], "peer", told["asked"]
+            )
 
 
-def page(path: Path, lines: list[str]) -> None:
-    """Put lines between the marks of a page."""
-    head, rest = path.read_text(encoding="utf-8").split(START)
-    tail = rest.split(END)[1]
-    text = "\n".join(["", "", "```text", *lines, "```", "", ""])
-    path.write_text(head + START + text + END + tail, encoding="utf-8")
+def rows(arguments: list[str]) -> Iterator[Row]:
+    rigs = [rig_of(*size) for size in (SMALL, LARGE)[: 1 + ("--large" in arguments)]]
+    for part in (decoding, triangulating, whole_scan):
+        for rig in rigs:
+            yield from part(rig)
+    yield from batches()
+    if "--others" in arguments:
+        yield from others(Path(arguments[arguments.index("--others") + 1]))
 
 
 if __name__ == "__main__":
-    large = "--large" in sys.argv
-    sizes = [(1024, 768)] + ([(4096, 3000)] if large else [])
-    told: list[str] = []
-    parts = [*(decoders(*s) for s in sizes), *(whole_scan(*s) for s in sizes), batches()]
-    if "--others" in sys.argv:
-        parts.append(others(Path(sys.argv[sys.argv.index("--others") + 1])))
-    for part in parts:
-        for line in part:
-            print(line, flush=True)
-            told.append(line)
+    told = [heading()]
+    print(told[0])
+    for row in rows(sys.argv):
+        told.append(row.line())
+        print(told[-1], flush=True)
     if "--page" in sys.argv:
         page(Path(sys.argv[sys.argv.index("--page") + 1]), told)
