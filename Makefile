@@ -39,7 +39,7 @@ bench: $(INSTALLED) $(BENCH_INSTALLED)
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/benchmarks.py
 	mkdir -p .benchmarks
 	OPENBLAS_NUM_THREADS=1 $(BENCH)/python -m pytest --quiet --noconftest -c /dev/null --rootdir tests \
-	  -p no:cacheprovider --benchmark-json .benchmarks/others.json tests/bench_others.py
+	  -p no:cacheprovider -p no:dash --benchmark-quiet --benchmark-json .benchmarks/others.json tests/bench_others.py
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/decoding_benchmarks.py --large --others .benchmarks/others.json \
 	  $(if $(PAGE),--page $(PAGE))
 

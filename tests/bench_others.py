@@ -20,6 +20,7 @@ from bench_pictures import (
     NOISE,
     PROJECTOR,
     SMALL,
+    lines,
     middle_of,
     pairs,
     rig_of,
@@ -195,18 +196,6 @@ def test_phase_fringes(timed, camera):
     assert within(found.x[0, ..., 0], camera.true)
 
 
-def lines(rig: Rig) -> Any:
-    """Return a picture (h, w) of lines 6 px apart, its noise, and row and rough column of each line."""
-    (width, height), rng = rig.camera.size, np.random.default_rng(0)
-    row, col = np.meshgrid(np.arange(height), np.arange(8, width - 8, 6), indexing="ij")
-    true = (col + 0.5 * np.sin(row / 40)).ravel()
-    x = np.arange(width) - 0.5 * np.sin(np.arange(height) / 40)[:, None]
-    picture = np.exp(-(((x - 8 + 3) % 6 - 3) ** 2) / 2).astype(np.float32)
-    picture += rng.normal(0, 0.01, picture.shape).astype(np.float32)
-    start = true + rng.uniform(-0.4, 0.4, true.shape)
-    return picture, np.full_like(picture, 0.01), row.ravel(), start, true
-
-
 def test_centres(timed, camera):
     *given, true = camera.once("lines", lines)
     found, _ = timed(CENTRES_WORK, "slkit", lambda: refined(*given, 1.0), 10)
@@ -219,13 +208,9 @@ def test_centres_numpy(timed, camera):
     assert np.quantile(np.abs(found - true), 0.98) < 0.05
 
 
-def share_of(camera: Camera) -> int:
-    """Return which share of the points the slow ones are given: their time grows with their number."""
-    return 1 if camera.size == SMALL else 8
-
-
-def by_share(name: str, share: int) -> str:
-    return name if share == 1 else f"{name}, 1 of {share} points"
+def share_of(camera: Camera, by: str) -> tuple[int, str]:
+    """Return which share of the points the slow ones are given, as their time grows with the number; and who does."""
+    return (1, by) if camera.size == SMALL else (8, f"{by}, 1 of 8 points")
 
 
 def test_ray_plane(timed, camera):
@@ -237,9 +222,8 @@ def test_ray_plane(timed, camera):
 
 def test_ray_plane_numpy(timed, camera):
     found, xyz = camera.once("pairs", pairs)
-    share, rig = share_of(camera), camera.rig
+    (share, by), rig = share_of(camera, "NumPy, without sigma"), camera.rig
     given = found.camera_xy[::share], found.projector_xy[::share, 0]
-    by = by_share("NumPy, without sigma", share)
     ours = timed(PLANE_WORK, by, lambda: numpy_twins.ray_plane(*given, rig), 2, share, "20")
     assert np.quantile(np.abs(ours - xyz[::share]), 0.99) < 0.01
 
@@ -252,7 +236,7 @@ def test_two_rays(timed, camera):
 
 def test_two_rays_opencv(timed, camera):
     found, xyz = camera.once("pairs", pairs)
-    share, rig = share_of(camera), camera.rig
+    (share, by), rig = share_of(camera, "cv2.undistortPoints, cv2.triangulatePoints"), camera.rig
     seen_xy, lit_xy = (a[::share].astype(np.float64)[:, None] for a in (found.camera_xy, found.projector_xy))
     pose = np.column_stack([rig.projector_from_camera.rotation, rig.projector_from_camera.translation])
 
@@ -262,6 +246,5 @@ def test_two_rays_opencv(timed, camera):
         points = cv2.triangulatePoints(np.eye(3, 4), pose, camera_xy.T, projector_xy.T)
         return (points[:3] / points[3]).T
 
-    by = by_share("cv2.undistortPoints, cv2.triangulatePoints", share)
     theirs = timed(RAYS_WORK, by, triangulated, 2, share, "100")
     assert np.quantile(np.abs(theirs - xyz[::share]), 0.99) < 0.1

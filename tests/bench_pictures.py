@@ -109,3 +109,15 @@ def with_columns_only(found: Correspondences) -> Correspondences:
     projector_xy, sigma = found.projector_xy.copy(), found.sigma.copy()
     projector_xy[:, 1] = sigma[:, 1] = np.nan
     return Correspondences(found.camera_xy, projector_xy, sigma, found.confidence, found.color)
+
+
+def lines(rig: Rig) -> Any:
+    """Return a picture (h, w) of lines 6 px apart, its noise, and row and rough column of each line."""
+    (width, height), rng = rig.camera.size, np.random.default_rng(0)
+    row, col = np.meshgrid(np.arange(height), np.arange(8, width - 8, 6), indexing="ij")
+    true = (col + 0.5 * np.sin(row / 40)).ravel()
+    x = np.arange(width) - 0.5 * np.sin(np.arange(height) / 40)[:, None]
+    picture = np.exp(-(((x - 8 + 3) % 6 - 3) ** 2) / 2).astype(np.float32)
+    picture += rng.normal(0, 0.01, picture.shape).astype(np.float32)
+    start = true + rng.uniform(-0.4, 0.4, true.shape)
+    return picture, np.full_like(picture, 0.01), row.ravel(), start, true

@@ -8,6 +8,7 @@ the work beside it reads and writes, on one thread. --large adds pictures of 409
 """
 
 import json
+import os
 import subprocess
 import sys
 import tempfile
@@ -109,18 +110,17 @@ def writing(cloud: PointCloud, rig: Rig) -> Iterator[Row]:
         path, raw = Path(folder) / "cloud.ply", Path(folder) / "raw"
         ours = least_seconds(lambda: slkit.write_cloud(path, cloud), 3)
         data = path.read_bytes()
+        plain = least_seconds(lambda: write(raw, data), 3)
         yield Row(
-            sized("a cloud's PLY", rig),
-            ours,
-            "writing its bytes",
-            least_seconds(lambda: write(raw, data), 3),
-            "floor",
-            "1.2",
+            sized("a cloud's PLY, to the disk", rig), ours, "writing its bytes to the disk", plain, "floor", "1.2"
         )
 
 
 def write(path: Path, data: bytes) -> None:
-    path.write_bytes(data)
+    with path.open("wb") as file:
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
 
 
 def stored(folder: Path, pictures: Any, projector: tuple[int, int], axes: str) -> None:
@@ -128,7 +128,7 @@ def stored(folder: Path, pictures: Any, projector: tuple[int, int], axes: str) -
     folder.mkdir(parents=True, exist_ok=True)
     for k, picture in enumerate(pictures):
         write_png(folder / f"{k:03d}.png", picture)
-    text = f'codec = "gray"\nprojector = [{projector[0]}, {projector[1]}]\naxes = "{axes}"\n'
+    text = f'codec = "gray"\nprojector = [{projector[0]}, {projector[1]}]\n[parameters]\naxes = "{axes}"\n'
     (folder / "capture.toml").write_text(text, encoding="utf-8")
 
 
@@ -152,24 +152,25 @@ def whole_scan(rig: Rig) -> Iterator[Row]:
         yield Row(work, whole, "reading them with two threads", least_seconds(read, 3), "floor", asked("scan", rig))
 
 
-def batches(captures: int = 24) -> Iterator[Row]:
-    """One and two workers on the same small captures."""
+def batches(captures: int = 16) -> Iterator[Row]:
+    """One and two workers on the same small captures, by turns."""
     with tempfile.TemporaryDirectory() as folder:
         root, rig = Path(folder), rig_of(*SMALL)
         pictures = list(seen(Gray(PROJECTOR), rig))
         for c in range(captures):
             stored(root / "captures" / f"{c:02d}", pictures, PROJECTOR, "x")
-        seconds = []
-        for workers in (1, 2):
+
+        def seconds(workers: int, turn: int) -> float:
             with jobs.local_pool(workers) as pool:
-                started = time.perf_counter()
-                done = jobs.scan_all(
-                    str(root / "captures" / "*"), jobs.Recipe(rig), str(root / f"clouds{workers}"), pool
-                )
-                seconds.append((time.perf_counter() - started) / captures)
+                started, clouds = time.perf_counter(), str(root / f"clouds{workers}_{turn}")
+                done = jobs.scan_all(str(root / "captures" / "*"), jobs.Recipe(rig), clouds, pool)
+                taken = time.perf_counter() - started
             assert done.scanned == captures
+            return taken / captures
+
+        one, two = np.min([[seconds(workers, turn) for workers in (1, 2)] for turn in range(2)], axis=0)
         work = sized(f"slkit batch, two workers, a capture of {len(pictures)} PNGs", rig)
-        yield Row(work, seconds[1], "one worker", seconds[0], "peer", "1.8")
+        yield Row(work, float(two), "one worker", float(one), "peer", "1.8")
 
 
 def others(path: Path) -> Iterator[Row]:
