@@ -40,11 +40,10 @@ def why_no_cuda() -> str:
     """Return the reason why CUDA cannot be used here, "" where it can."""
     try:
         from numba import cuda
-    except ImportError as error:
-        return f"numba comes without CUDA ({error})"
-    try:
+
         cuda.current_context()
-    # The driver, the toolkit and numba each have errors of their own, over several lines.
+    # The driver, numba and its settings have errors of their own, over several lines.
     except Exception as error:
-        return str(error).strip(": \n").partition("\n\n")[2].partition("\n")[0].strip(". ") or type(error).__name__
-    return ""
+        text = " ".join(str(error).split()).removeprefix("Error at driver init: ")
+        return text.partition(". ")[0].strip(" .:") or type(error).__name__
+    return "" if cuda.is_available() else "numba finds no CUDA toolkit"

@@ -79,13 +79,14 @@ def wave_rows(
     frames. sums: `sums_for`. noise (3,), most (4,): as `lit_rows`. p (8,): `arctangent`. cycle: phase in periods, 0 to
     1, less offset in radians; sigma: its 1 sigma, sqrt(2 / steps) / (2 pi) noise / modulation; light: the modulation
     in grey levels, at least 1. Where mask says, confidence is multiplied by the chance that noise alone modulates less,
-    1 - exp(-steps snr^2 / 4) after Rayleigh. Where mask leaves out a whole chunk, only light is written, 1.
+    1 - exp(-steps snr^2 / 4) after Rayleigh. Where mask leaves out a whole chunk, light is 1, cycle and sigma are 0.
     """
     for row in range(cycle.shape[0]):
         for start in range(0, cycle.shape[1], CHUNK):
             cut, to = slice(start, start + CHUNK), sums[row % sums.shape[0], start // CHUNK % sums.shape[1]]
             if not _any(mask[row, cut]):
                 light[row, cut] = 1
+                cycle[row, cut] = sigma[row, cut] = 0
                 continue
             add_four(one[row, cut], two[row, cut], three[row, cut], four[row, cut], weights, first, to)
             if last:
