@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 START, END = "<!-- measured -->", "<!-- /measured -->"
-_WIDTHS = "{:<60}{:>9}  {:<50}{:>10}{:>9}  {}"
+_WIDTHS = "{:<60}{:>9}  {:<60}{:>8}{:>9}  {}"
 
 
 @dataclass(frozen=True)
