@@ -27,7 +27,7 @@ from slkit.triangulation._kernels import (
 
 BLOCK = 64
 """Rows at a time: all that is known of them stays in the processor's nearest cache."""
-SLOTS = 25
+SLOTS = 24
 U, V, P, Q, SX, SY = (k * BLOCK for k in range(6))
 """Camera pixel, projector pixel, standard deviations of the latter, in px."""
 X, Y, W = (k * BLOCK for k in range(6, 9))
@@ -40,7 +40,7 @@ AU, AV, AP, AQ = (k * BLOCK for k in range(14, 18))
 """mm along the ray a px of camera and projector."""
 MM, MISS, CAL, PART = (k * BLOCK for k in range(18, 22))
 """sigma_decoding_mm, residual_px, sigma_cal_mm; a sum in the making."""
-A, B, C = (k * BLOCK for k in range(22, 25))
+A, B = (k * BLOCK for k in range(22, 24))
 """For use within one step."""
 
 RIG = 26
@@ -145,6 +145,25 @@ def _put(slopes: Doubles, place: int, ten: Numbers) -> None:
     slopes[place + 3 * BLOCK], slopes[place + 4 * BLOCK], slopes[place + 5 * BLOCK] = ten[3], ten[4], ten[5]
     slopes[place + 6 * BLOCK], slopes[place + 7 * BLOCK] = ten[6], ten[7]
     slopes[place + 8 * BLOCK], slopes[place + 9 * BLOCK] = ten[8], ten[9]
+
+
+@compiled
+def aim(
+    s: Doubles,
+    first: int,
+    count: int,
+    given: tuple[Singles, Singles, Singles],
+    camera: Numbers,
+    lens: Numbers,
+    pose: Numbers,
+    nearly: float,
+) -> None:
+    """Write rays, and where they meet the better coordinate, of so many rows; nearly: see `meet`."""
+    load(s, first, count, given[0], given[1], given[2])
+    normalize(s, camera)
+    turn(s, pose)
+    begin(s, lens, pose)
+    meet(s, lens, pose, nearly)
 
 
 @compiled

@@ -122,11 +122,7 @@ def ray_plane_blocks(
     s[CAL : CAL + BLOCK] = math.nan
     for first in range(0, len(camera_xy), BLOCK):
         count = min(BLOCK, len(camera_xy) - first)
-        blocks.load(s, first, count, camera_xy, projector_xy, sigma)
-        blocks.normalize(s, camera)
-        blocks.turn(s, pose)
-        blocks.begin(s, lens, pose)
-        blocks.meet(s, lens, pose, _NEARLY_PX)
+        blocks.aim(s, first, count, (camera_xy, projector_xy, sigma), camera, lens, pose, _NEARLY_PX)
         if _choose(s, lens, pose):
             blocks.meet(s, lens, pose, _NEARLY_PX)
         _judge(s, lens, pose)

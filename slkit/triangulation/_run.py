@@ -17,6 +17,8 @@ from slkit.triangulation.uncertainty import rig_covariance
 
 Singles = npt.NDArray[np.float32]
 Doubles = npt.NDArray[np.float64]
+_Given = tuple[Singles, Singles, Singles]
+_Devices = tuple[Doubles, Doubles, Doubles]
 
 _SMALLEST_SLICE = 20_000
 
@@ -26,14 +28,8 @@ def run(blocks: Callable[..., None], rows: Callable[..., None], found: Correspon
 
     Errors: InputError where names and matrix of the rig's covariance do not fit together.
     """
-    given = [
-        np.require(a, np.float32, ["C_CONTIGUOUS", "WRITEABLE"])
-        for a in (found.camera_xy, found.projector_xy, found.sigma)
-    ]
-    devices = _lens(rig.camera), _lens(rig.projector), _pose(rig.projector_from_camera)
+    given, devices, full = _told(found, rig)
     numbers = [tuple(device.tolist()) for device in devices]
-    covariance = rig_covariance(rig)
-    full = np.empty((0, 0)) if covariance is None else covariance
     half = np.pad(np.tril(full) - np.diag(full.diagonal() / 2), ((0, 0), (0, 2)))
     xyz, decoding, residual_px, calibration = results = _empty(len(found))
     whole = np.empty_like(decoding)
@@ -47,7 +43,7 @@ def run(blocks: Callable[..., None], rows: Callable[..., None], found: Correspon
             rows(*(a[left] for a in given), *devices, full, *some)
             for result, values in zip(results, some, strict=True):
                 result[left] = values
-        whole[part] = decoding[part] if covariance is None else _both(decoding[part], calibration[part])
+        whole[part] = _both(decoding[part], calibration[part]) if len(full) else decoding[part]
 
     in_parts(work, len(found))
     return PointCloud(xyz, found.color, whole, residual_px, found.camera_xy, sigma_cal_mm=calibration)
@@ -57,12 +53,20 @@ def run_on_cuda(found: Correspondences, rig: Rig) -> PointCloud:
     """Return the ray-plane points, one a row, by the loop of single rows on a CUDA device. Errors: as `run`."""
     from slkit.triangulation._cuda_kernels import ray_plane
 
-    devices = _lens(rig.camera), _lens(rig.projector), _pose(rig.projector_from_camera)
-    covariance = rig_covariance(rig)
-    full = np.empty((0, 0)) if covariance is None else covariance
-    out = ray_plane((found.camera_xy, found.projector_xy, found.sigma), devices, full)
+    out = ray_plane(*_told(found, rig))
     whole = _both(out[:, 3], out[:, 5])
     return PointCloud(out[:, :3], found.color, whole, out[:, 4], found.camera_xy, sigma_cal_mm=out[:, 5])
+
+
+def _told(found: Correspondences, rig: Rig) -> tuple[_Given, _Devices, Doubles]:
+    """Return rows, devices and covariance (26, 26), or (0, 0) without one, as the kernels take them."""
+    a, b, c = (
+        np.require(array, np.float32, ["C_CONTIGUOUS", "WRITEABLE"])
+        for array in (found.camera_xy, found.projector_xy, found.sigma)
+    )
+    covariance = rig_covariance(rig)
+    devices = _lens(rig.camera), _lens(rig.projector), _pose(rig.projector_from_camera)
+    return (a, b, c), devices, np.empty((0, 0)) if covariance is None else covariance
 
 
 def _empty(rows: int) -> tuple[Singles, Singles, Singles, Singles]:

@@ -173,11 +173,7 @@ def two_rays_blocks(
     s[CAL : CAL + BLOCK] = math.nan
     for first in range(0, len(camera_xy), BLOCK):
         count = min(BLOCK, len(camera_xy) - first)
-        blocks.load(s, first, count, camera_xy, projector_xy, sigma)
-        blocks.normalize(s, camera)
-        blocks.turn(s, pose)
-        blocks.begin(s, lens, pose)
-        blocks.meet(s, lens, pose, _ABOUT_PX)
+        blocks.aim(s, first, count, (camera_xy, projector_xy, sigma), camera, lens, pose, _ABOUT_PX)
         _weigh(s, camera, lens)
         _refine(s, camera, lens, pose)
         _judge(s)
