@@ -45,7 +45,8 @@ def borders(code: CellCode, cells: Cells, coarse: Coarse, interval: tuple[Ints, 
     view = View.across(coarse, record.light, period, code.step)
     lo, hi, guess = (view.turn(a) for a in (*interval, cells.guess))
     lower, upper = np.minimum(guess[:, :-1], guess[:, 1:]), np.maximum(guess[:, :-1], guess[:, 1:])
-    meet = (upper - lower == 1) & view.coarse.known[:, :-1] & view.coarse.known[:, 1:]
+    known = view.known
+    meet = (upper - lower == 1) & known[:, :-1] & known[:, 1:]
     for side in (np.s_[:, :-1], np.s_[:, 1:]):
         meet &= (lo[side] >= lower) & (hi[side] <= upper)
     parts: list[Peaks] = []

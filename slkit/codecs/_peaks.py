@@ -71,63 +71,30 @@ def slope_along_rows(value: Float32s, mask: Mask, jump: float, radius: int) -> F
     mask (h, w): where value is known. jump: a larger difference between neighbours is an edge of the scene and left
     out. radius: half the width of the window in px.
     """
-    step = np.diff(value, axis=1)
-    known = mask[:, 1:] & mask[:, :-1] & (np.abs(step) < jump)
-    window = (2 * radius + 1, _SLOPE_ROWS)
-    total, count = (
-        cv2.boxFilter(a.astype(np.float32), -1, window, normalize=False, borderType=cv2.BORDER_CONSTANT)
-        for a in (np.where(known, step, 0), known)
-    )
-    slope = np.full(value.shape, np.nan, dtype=np.float32)
-    # Below two thirds of a row's worth of neighbours the mean says nothing.
-    slope[:, :-1] = np.where(count > radius, total / np.maximum(count, 1), np.nan)
-    slope[:, -1] = slope[:, -2]
+    from slkit.codecs._slope_kernels import slope_rows
+
+    slope = np.empty(value.shape, dtype=np.float32)
+    over_rows(lambda first, last: slope_rows(value, mask, jump, radius, first, slope[first:last]), len(value))
     return slope
 
 
-def runs_along_rows(value: Float32s, mask: Mask, jump: float) -> bool:
-    """Tell whether a map (h, w) changes faster from column to column than from row to row."""
-    means: list[float] = []
-    for a, m in ((value, mask), (value.T, mask.T)):
-        step = np.abs(np.diff(a, axis=1))[m[:, 1:] & m[:, :-1]]
-        step = step[step < jump]
-        means.append(float(step.mean()) if step.size else 0.0)
-    return means[0] >= means[1]
+def mean_changes(value: Float32s, mask: Mask, jump: float) -> tuple[float, float]:
+    """Return how much a map (h, w) changes from column to column and from row to row, on average; see above.
 
-
-def find_peaks(picture: Float32s, noise: Float32s, scale: Float32s, spacing: Float32s) -> Peaks:
-    """Return the bright line centres of a picture (h, w): where its smoothed derivative falls through zero.
-
-    noise (h, w): 1 sigma of the picture. scale (h, w): sigma in px of the Gaussian whose derivative is used, NaN
-    where no line is looked for. spacing (h, w): px between lines, for the valleys.
-    Source: Blais and Rioux, Real-time numerical peak detector (1986), with a Gaussian derivative (Steger 1998).
+    0 where nothing is known.
     """
-    with np.errstate(invalid="ignore"):
-        level = np.rint(np.log(np.maximum(scale, _SMALLEST_SCALE) / _SMALLEST_SCALE) / np.log(_SCALE_STEP))
-    parts = [
-        _peaks_at_scale(picture, noise, _SMALLEST_SCALE * _SCALE_STEP**k, level == k, spacing)
-        for k in np.unique(level[np.isfinite(level)])
-    ]
-    return Peaks.join(parts) if parts else _none()
+    from slkit.codecs._slope_kernels import change_rows
 
+    sums: list[Floats] = []
 
-def _peaks_at_scale(picture: Float32s, noise: Float32s, scale: float, where: Mask, spacing: Float32s) -> Peaks:
-    reach = int(np.ceil(_REACH * scale))
-    kernel, _ = derivatives(np.arange(-reach, reach + 1), scale)
-    slope = cv2.filter2D(picture, cv2.CV_32F, kernel[None, :], borderType=cv2.BORDER_REPLICATE)
-    falls = (slope[:, :-1] > 0) & (slope[:, 1:] <= 0) & where[:, :-1]
-    falls[:, : reach + 1] = falls[:, -reach - 1 :] = False
-    row, left = np.nonzero(falls)
-    before, after = slope[row, left].astype(np.float64), slope[row, left + 1].astype(np.float64)
-    start = left + before / (before - after)
-    col, sigma = refined(picture, noise, row, start, scale)
-    nearest = np.rint(col).astype(np.intp)
-    height = sample_row(picture, row, col)
-    half = spacing[row, left] / 2
-    valley = (sample_row(picture, row, col - half) + sample_row(picture, row, col + half)) / 2
-    local = noise[row, nearest].astype(np.float64)
-    found = Peaks(row, col, sigma, height, height - valley, local, np.full(len(row), np.nan))
-    return found.select(np.isfinite(sigma))
+    def work(first: int, last: int) -> None:
+        part = np.zeros(4)
+        change_rows(value, mask, jump, first, last, part)
+        sums.append(part)
+
+    over_rows(work, len(value))
+    along, steps, down, steps_down = np.sum(sums, axis=0).tolist()
+    return along / max(steps, 1), down / max(steps_down, 1)
 
 
 def refined(
@@ -212,20 +179,28 @@ def pace(peaks: Peaks, slope: Floats, limit: float) -> Floats:
     return result
 
 
-def fill_between(peaks: Peaks, sigma: Floats, shape: tuple[int, int], limit: float) -> tuple[Float32s, Float32s]:
-    """Return maps (h, w) of value and sigma, interpolated along rows between neighbouring peaks; NaN elsewhere.
+def fill_between(
+    rows: npt.NDArray[np.intp],
+    cols: Floats,
+    values: Floats,
+    sigma: npt.NDArray[np.floating[Any]],
+    shape: tuple[int, int],
+    limit: float,
+) -> tuple[Float32s, Float32s]:
+    """Return maps (h, w) of value and sigma, interpolated along rows between neighbouring lines; NaN elsewhere.
 
-    sigma (m,): of the value of each peak, px. limit: px of value; peaks further apart are not neighbours.
+    rows, cols, values, sigma (m,): where lines are, by row and column, their px and its 1 sigma. limit: px of value;
+    lines further apart are not neighbours.
     """
     value_map, sigma_map = np.full(shape, np.nan, dtype=np.float32), np.full(shape, np.nan, dtype=np.float32)
-    rise = np.abs(np.diff(peaks.value))
-    pair = np.flatnonzero((np.diff(peaks.row) == 0) & (rise <= limit) & (rise > 0))
-    first = np.ceil(peaks.col[pair]).astype(np.intp)
-    counts = np.maximum(np.floor(peaks.col[pair + 1]).astype(np.intp) - first + 1, 0)
+    rise = np.abs(np.diff(values))
+    pair = np.flatnonzero((np.diff(rows) == 0) & (rise <= limit) & (rise > 0))
+    first = np.ceil(cols[pair]).astype(np.intp)
+    counts = np.maximum(np.floor(cols[pair + 1]).astype(np.intp) - first + 1, 0)
     pair, first = np.repeat(pair, counts), np.repeat(first, counts)
     col = first + np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
-    share = (col - peaks.col[pair]) / (peaks.col[pair + 1] - peaks.col[pair])
-    row = peaks.row[pair]
-    value_map[row, col] = (1 - share) * peaks.value[pair] + share * peaks.value[pair + 1]
+    share = (col - cols[pair]) / (cols[pair + 1] - cols[pair])
+    row = rows[pair]
+    value_map[row, col] = (1 - share) * values[pair] + share * values[pair + 1]
     sigma_map[row, col] = np.hypot((1 - share) * sigma[pair], share * sigma[pair + 1])
     return value_map, sigma_map

@@ -1,0 +1,170 @@
+"""How a coarse projector position changes along the rows of a picture, and how light does, in compiled loops."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+if TYPE_CHECKING:
+    from slkit.codecs._line_scales import Scales
+
+Levels = npt.NDArray[Any]
+Singles = npt.NDArray[np.float32]
+Doubles = npt.NDArray[np.float64]
+Wholes = npt.NDArray[np.int32]
+Mask = npt.NDArray[np.bool_]
+
+_ROWS = 2
+
+# A division by zero is data here: a test for it would keep a loop out of parallel lanes.
+_compiled = numba.njit(cache=True, nogil=True, error_model="numpy")
+# A sum in any order, for parallel lanes.
+_summing = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "nsz"})
+
+
+@_compiled
+def place_rows(
+    lo: Wholes, hi: Wholes, mask: Mask, last: int, most: int, step: float, value: Singles, known: Mask
+) -> None:
+    """Write the middle in px of the possible cells lo to hi (r, w), and whether it is known; see `place`.
+
+    last: number of the last cell; most: of cells in a known position; step: px a cell.
+    """
+    half, middle, end = np.float32(step / 2), np.float32((step - 1) / 2), np.int32(last)
+    for row in range(lo.shape[0]):
+        begin, stop, lit, to, sure = lo[row], hi[row], mask[row], value[row], known[row]
+        for col in range(len(to)):
+            a, b = begin[col], min(stop[col], end)
+            to[col] = np.float32(a + b) * half + middle
+        for col in range(len(to)):
+            count = min(stop[col], end) - begin[col] + np.int32(1)
+            sure[col] = lit[col] & (count >= 1) & (count <= most)
+
+
+@_summing
+def change_rows(value: Singles, known: Mask, jump: float, first: int, last: int, sums: Doubles) -> None:
+    """Add up how much a map (h, w) changes from column to column and from row to row, of rows first up to last.
+
+    known (h, w): where value is; a change of a jump or more is left out. sums (4,): total and count along the columns,
+    then along the rows.
+    """
+    limit, none = np.float32(jump), np.float32(0)
+    one = np.float32(1)
+    width = value.shape[1]
+    for row in range(first, last):
+        below = min(row + 1, len(value) - 1)
+        here, under, sure, sure_under = value[row], value[below], known[row], known[below]
+        total, count, total_down, count_down = none, none, none, none
+        for col in range(width - 1):
+            change = abs(here[col + 1] - here[col])
+            good = sure[col] & sure[col + 1] & (change < limit)
+            total += change if good else none
+            count += one if good else none
+        for col in range(width):
+            change = abs(under[col] - here[col])
+            good = sure[col] & sure_under[col] & (change < limit)
+            total_down += change if good else none
+            count_down += one if good else none
+        sums[0] += total
+        sums[1] += count
+        if below > row:
+            sums[2] += total_down
+            sums[3] += count_down
+
+
+@_compiled
+def slope_rows(value: Singles, known: Mask, jump: float, radius: int, first: int, slope: Singles) -> None:
+    """Write how fast a map (h, w) changes from column to column, of rows first on (r, w); see `slope_along_rows`."""
+    steps = value.shape[1] - 1
+    total, count = np.empty(steps + 2 * radius + 1, np.float32), np.empty(steps + 2 * radius + 1, np.float32)
+    for row in range(len(slope)):
+        total[:], count[:] = 0, 0
+        for other in range(max(first + row - _ROWS, 0), min(first + row + _ROWS + 1, len(value))):
+            _add_steps(value[other], known[other], jump, total[radius + 1 :], count[radius + 1 :])
+        _window(total, count, radius, slope[row])
+
+
+@_compiled
+def _add_steps(value: Singles, known: Mask, jump: float, total: Singles, count: Singles) -> None:
+    """Add the changes of a row (w,) from column to column where both are known and less than a jump apart."""
+    limit, none, one = np.float32(jump), np.float32(0), np.float32(1)
+    for col in range(len(value) - 1):
+        step = value[col + 1] - value[col]
+        good = known[col] & known[col + 1] & (abs(step) < limit)
+        total[col] += step if good else none
+        count[col] += one if good else none
+
+
+@_compiled
+def _window(total: Singles, count: Singles, radius: int, slope: Singles) -> None:
+    """Write the mean step (w,) within `radius` columns; total, count: with radius + 1 zeros before, radius after."""
+    sums, counts, least = 0.0, np.float32(0), np.float32(radius)
+    last = len(slope) - 1
+    slope[last] = np.nan
+    for k in range(radius + 1, 2 * radius + 1):
+        sums += total[k]
+        counts += count[k]
+    for col in range(last):
+        sums += np.float64(total[col + 2 * radius + 1]) - np.float64(total[col])
+        counts += count[col + 2 * radius + 1] - count[col]
+        # Below two thirds of a row's worth of neighbours the mean says nothing.
+        slope[col] = np.float32(sums) / counts if counts > least else np.nan
+    if last > 0:
+        slope[last] = slope[last - 1]
+
+
+@_compiled
+def run_rows(slope: Singles, scales: Scales, runs: Wholes, starts: Wholes) -> None:
+    """Write where in each row (r, w) which kernel serves: runs (n, 3) of first and past-the-last column and kernel.
+
+    starts (r + 1,): the runs of row i are those from starts[i] to starts[i + 1].
+    """
+    end, scale, width = 0, 0, slope.shape[1]
+    for row in range(len(slope)):
+        starts[row] = end
+        here, col = slope[row], 0
+        while col < width:
+            size = abs(here[col])
+            if not size <= scales.steepest:
+                col += 1
+                continue
+            while size < scales.least[scale]:
+                scale += 1
+            while scale > 0 and size >= scales.least[scale - 1]:
+                scale -= 1
+            least, most = scales.least[scale], scales.least[scale - 1] if scale > 0 else np.float32(np.inf)
+            runs[end, 0], runs[end, 2] = col, scale
+            while col < width and (abs(here[col]) >= least) & (abs(here[col]) < most):
+                if abs(here[col]) > scales.steepest:
+                    break
+                col += 1
+            runs[end, 1] = col
+            end += 1
+    starts[len(slope)] = end
+
+
+@_compiled
+def log_rows(high: Levels, low: Levels, first: int, logs: Singles) -> None:
+    """Write the logarithm of white less black (h, w), never below one level, of rows first on (r, w).
+
+    Rows beyond the picture are those at its border. NumPy's logarithm does not run in parallel lanes; this one does, as
+    2 artanh(s) of the mantissa, within 1e-7.
+    """
+    bits = logs.view(np.int32)
+    one, two, base = np.float32(1), np.float32(2), np.float32(np.log(2))
+    for row in range(len(logs)):
+        at = min(max(first + row, 0), len(high) - 1)
+        white, black, to, raw = high[at], low[at], logs[row], bits[row]
+        for col in range(len(to)):
+            to[col] = max(np.float32(white[col]) - np.float32(black[col]), one)
+        for col in range(len(to)):
+            # The bits of sqrt(1/2), and so many behind the exponent.
+            exponent = (raw[col] - np.int32(0x3F3504F3)) >> np.int32(23)
+            raw[col] -= exponent << np.int32(23)
+            s = (to[col] - one) / (to[col] + one)
+            q = s * s
+            series = one + q * (np.float32(1 / 3) + q * (np.float32(1 / 5) + q * (np.float32(1 / 7) + q * np.float32(1 / 9))))
+            to[col] = two * s * series + np.float32(exponent) * base
