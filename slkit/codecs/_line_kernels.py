@@ -22,7 +22,7 @@ COL, SIGMA, CONTRAST, NOISE, VALUE = range(5)
 
 _STEPS = 3
 # After so small a step, in px, the next one would be below a millionth.
-_SETTLED = 1e-3
+_SETTLED = 2e-4
 
 # A division by zero is data here: a test for it would keep a loop out of parallel lanes.
 _compiled = numba.njit(cache=True, nogil=True, error_model="numpy")

@@ -68,7 +68,9 @@ def scales_of(width: float, period: float) -> Scales:
     reach = np.ceil(REACH * sigma).astype(np.intp)
     bell: npt.NDArray[Any] = np.exp(-((np.arange(reach[-1] + 1) / sigma[:, None]) ** 2) / 2)
     least = np.array([*borders, 0], dtype=np.float32)
-    return Scales(period / _LEAST_SPACING, least, sigma**2, reach, bell.astype(np.float32))
+    # As float32, in which slopes are told: that of just this spacing is common, because cells are whole.
+    steepest = float(np.float32(period / _LEAST_SPACING))
+    return Scales(steepest, least, sigma**2, reach, bell.astype(np.float32))
 
 
 def _border(scale: int) -> float:
