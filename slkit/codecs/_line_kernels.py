@@ -8,21 +8,26 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
+from slkit.codecs._center_kernels import AT, LANES, center_lanes, fill_lanes
+from slkit.codecs._center_kernels import SIGMA as SPREAD
+
 if TYPE_CHECKING:
-    from slkit.codecs._line_scales import LineRule, Scales
+    from slkit.codecs._line_scales import LineRule, Room, Scales
 
 Levels = npt.NDArray[Any]
 Singles = npt.NDArray[np.float32]
 Doubles = npt.NDArray[np.float64]
 Wholes = npt.NDArray[np.int32]
+Bytes = npt.NDArray[np.uint8]
+Places = npt.NDArray[np.intp]
+Longs = npt.NDArray[np.uint64]
 Mask = npt.NDArray[np.bool_]
 
 COL, SIGMA, CONTRAST, NOISE, VALUE = range(5)
 """What is written of a line: column in px and its 1 sigma, height over the valleys beside it, noise, projector px."""
 
-_STEPS = 3
-# After so small a step, in px, the next one would be below a millionth.
-_SETTLED = 2e-4
+# Flags are looked through so many at a time.
+_WORD = 8
 
 # A division by zero is data here: a test for it would keep a loop out of parallel lanes.
 _compiled = numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -43,18 +48,18 @@ def line_rows(
     starts: Wholes,
     scales: Scales,
     rule: LineRule,
+    room: Room,
     lines: Doubles,
     ends: Wholes,
 ) -> None:
     """Write the lines of a picture (r, w) that crosses them, see `find_rows`; high, low (r, w): white and black."""
-    share, variance = np.empty((1, picture.shape[1]), np.float32), np.empty((1, picture.shape[1]), np.float32)
-    end = ends[:1]
-    end[0] = 0
+    ends[0] = 0
     for row in range(len(picture)):
-        to_share(picture[row], high[row], low[row], mask[row], noise, share[0], variance[0])
+        to_share(picture[row], high[row], low[row], mask[row], noise, room.share[0], room.variance[0])
         told = mask[row : row + 1], known[row : row + 1], value[row : row + 1], slope[row : row + 1]
-        ends[row + 1] = ends[row]
-        find_rows(share, variance, *told, runs, starts[row : row + 2], scales, rule, lines, ends[row : row + 2])
+        find_rows(
+            room.share, room.variance, *told, runs, starts[row : row + 2], scales, rule, room, lines, ends[row : row + 2]
+        )
 
 
 @_compiled
@@ -89,6 +94,7 @@ def find_rows(
     starts: Wholes,
     scales: Scales,
     rule: LineRule,
+    room: Room,
     lines: Doubles,
     ends: Wholes,
 ) -> None:
@@ -100,101 +106,135 @@ def find_rows(
     camera px; runs, starts: as `run_rows` writes them.
     Source: Blais and Rioux, Real-time numerical peak detector (1986), with a Gaussian derivative (Steger 1998).
     """
-    change = np.empty(share.shape[1], np.float32)
     for row in range(len(share)):
+        _mark_near(value[row], known[row], rule, room.near)
+        aside = room.near, room.change, room.flags, room.left, room.start, room.scale
+        count = _find_falls(share[row], runs[starts[row] : starts[row + 1]], scales.reach, scales.bell, *aside)
+        here = share[row], variance[row], mask[row], known[row], value[row], slope[row]
         end = ends[row]
-        here = share[row], variance[row], mask[row], known[row], value[row]
-        for k in range(starts[row], starts[row + 1]):
-            scale = runs[k, 2]
-            reach = scales.reach[scale]
-            # Nearer to the picture's border the kernel would reach beyond it.
-            first, last = max(runs[k, 0], reach + 1), min(runs[k, 1], share.shape[1] - reach - 2)
-            if last > first:
-                _derive(share[row], first, last + 1, scales.bell[scale], reach, change)
-                end = _falls(change, first, last, *here, slope[row], scale, scales, rule, lines, end)
+        for first in range(0, count, LANES):
+            last = min(first + LANES, count)
+            told = room.left[first:last], room.start[first:last], room.scale[first:last]
+            aside = room.numbers, room.windows, room.doubts
+            most = fill_lanes(share[row], variance[row], *told, scales.square, scales.reach, scales.bell, *aside)
+            center_lanes(last - first, most, *aside)
+            end = _take(*here, first, last, rule, room, lines, end)
         ends[row + 1] = end
 
 
 @_compiled
-def _derive(share: Singles, first: int, last: int, bell: Singles, reach: int, change: Singles) -> None:
-    """Write the smoothed derivative of a row (w,) from first up to last, up to a factor."""
-    count = last - first
-    to = change[first:last]
-    to[:] = 0
-    for k in range(1, reach + 1):
-        weight = np.float32(k) * bell[k]
-        after, before = share[first + k : first + k + count], share[first - k : first - k + count]
-        for i in range(count):
-            to[i] += weight * (after[i] - before[i])
+def _mark_near(value: Singles, known: Mask, rule: LineRule, near: Bytes) -> None:
+    """Write 1 where a coarse position (w,) is as near as a line's may be, else 0."""
+    offset, pace, one, none = np.float32(rule.offset), np.float32(1 / rule.period), np.uint8(1), np.uint8(0)
+    # A little more, for rounding: what counts is decided with the line's own place.
+    most = np.float32(rule.near / rule.period + 1e-4)
+    for col in range(len(value)):
+        place = (value[col] - offset) * pace
+        near[col] = one if known[col] & (abs(place - np.rint(place)) <= most) else none
 
 
 @_compiled
-def _falls(
+def _find_falls(
+    share: Singles,
+    runs: Wholes,
+    reaches: Places,
+    bell: Singles,
+    near: Bytes,
     change: Singles,
-    first: int,
-    last: int,
+    flags: Bytes,
+    left: Wholes,
+    start: Singles,
+    scale: Wholes,
+) -> int:
+    """Write where in the runs (n, 3) of a row (w,) a line may begin to fall, and return how many; see `Room`."""
+    count = 0
+    for k in range(len(runs)):
+        kernel = runs[k, 2]
+        reach = reaches[kernel]
+        # Nearer to the picture's border the kernel would reach beyond it.
+        first, last = max(runs[k, 0], reach + 1), min(runs[k, 1], len(share) - reach - 2)
+        if last <= first:
+            continue
+        _derive(share, first, last + 1 - first, bell, kernel, reach, change)
+        begin, words = count, _flag(change, near, first, last - first, flags)
+        for word in range(len(words)):
+            if words[word] == 0:
+                continue
+            for i in range(word * _WORD, word * _WORD + _WORD):
+                # Written over by the next one unless it counts: a branch here would often be guessed wrongly.
+                left[count], scale[count] = first + i, kernel
+                count += flags[i]
+        for i in range(begin, count):
+            at = left[i] - first
+            start[i] = change[at] / (change[at] - change[at + 1])
+    return count
+
+
+@_inlined
+def _derive(share: Singles, first: int, count: int, bell: Singles, kernel: int, reach: int, change: Singles) -> None:
+    """Write the smoothed derivative of a row (w,) at `count` px from first on, up to a factor."""
+    change[:count] = 0
+    for k in range(1, reach + 1):
+        weight = np.float32(k) * bell[kernel, k]
+        after, before = share[first + k : first + k + count], share[first - k : first - k + count]
+        for i in range(count):
+            change[i] += weight * (after[i] - before[i])
+
+
+@_inlined
+def _flag(change: Singles, near: Bytes, first: int, count: int, flags: Bytes) -> Longs:
+    """Write 1 where a derivative falls through zero to the next px, and a line is near; return flags as words.
+
+    change (>= count + 1,): of px from first on; near (w,): of the whole row.
+    """
+    one, none = np.uint8(1), np.uint8(0)
+    here, following = change[:count], change[1 : count + 1]
+    for i in range(count):
+        flags[i] = one if (here[i] > 0) & (following[i] <= 0) else none
+    # A centre may end up a px from where the fall begins or ends.
+    before, at, after, last = near[first - 1 :], near[first:], near[first + 1 :], near[first + 2 :]
+    for i in range(count):
+        flags[i] &= before[i] | at[i] | after[i] | last[i]
+    padded = -(-count // _WORD) * _WORD
+    flags[count:padded] = 0
+    return flags[:padded].view(np.uint64)
+
+
+@_compiled
+def _take(
     share: Singles,
     variance: Singles,
     mask: Mask,
     known: Mask,
     value: Singles,
     slope: Singles,
-    scale: int,
-    scales: Scales,
+    first: int,
+    last: int,
     rule: LineRule,
+    room: Room,
     lines: Doubles,
     end: int,
 ) -> int:
-    """Write the lines of a row (w,) that begin to fall from first up to last, from `end` on; return where they end."""
-    for left in range(first, last):
-        if not ((change[left] > 0) & (change[left + 1] <= 0)):
-            continue
-        half = 0.5 * rule.period / max(abs(slope[left]), rule.flattest)
-        if not _likely(left, half, share, variance, known, value, rule):
-            continue
-        start = left + change[left] / np.float64(change[left] - change[left + 1])
-        col, sigma = _center(share, variance, start, scales.square[scale], scales.reach[scale], scales.bell[scale])
-        if not np.isfinite(sigma):
-            continue
+    """Write the lines of a row (w,) that count, of those whose centres were found, from `end` on; return their end."""
+    pace = 1 / rule.period
+    for i in range(first, last):
+        begin = room.left[i] + np.float64(room.start[i])
+        col = np.rint(begin) + room.numbers[AT + i - first]
+        sigma = room.numbers[SPREAD + i - first]
         at = int(np.rint(col))
+        half = 0.5 * rule.period / max(abs(slope[room.left[i]]), rule.flattest)
         contrast = sample(share, col) - (sample(share, col - half) + sample(share, col + half)) / 2
         noise = np.sqrt(variance[at])
-        line = rule.offset + rule.period * np.rint((value[at] - rule.offset) / rule.period)
+        line = rule.offset + rule.period * np.rint((value[at] - rule.offset) * pace)
         near = (abs(value[at] - line) <= rule.near) & (line >= rule.first) & (line <= rule.last)
         strong = contrast > max(rule.contrast, rule.snr * noise)
         # Beside an unlit pixel the picture is cut off, and a centre there is biased.
-        if near & strong & known[at] & mask[at - 1] & mask[at + 1]:
-            lines[end, COL], lines[end, SIGMA], lines[end, CONTRAST] = col, sigma, contrast
-            lines[end, NOISE], lines[end, VALUE] = noise, line
-            end += 1
+        counts = near & strong & known[at] & mask[at - 1] & mask[at + 1] & (sigma < np.inf)
+        # Written over by the next one unless it counts.
+        lines[end, COL], lines[end, SIGMA], lines[end, CONTRAST] = col, sigma, contrast
+        lines[end, NOISE], lines[end, VALUE] = noise, line
+        end += counts
     return end
-
-
-@_inlined
-def _likely(
-    left: int, half: float, share: Singles, variance: Singles, known: Mask, value: Singles, rule: LineRule
-) -> bool:
-    """Tell whether a line that begins to fall at a px may count, wherever within a px of there its centre lies."""
-    near, top, least = False, share[left], variance[left]
-    for at in range(left - 1, left + 3):
-        off = (value[at] - rule.offset) / rule.period
-        near |= known[at] & (abs(off - np.rint(off)) * rule.period <= rule.near + rule.period * 1e-4)
-        top, least = max(top, share[at]), min(least, variance[at])
-    if not near:
-        return False
-    bottom = _least(share, left - 1 - half, left + 2 - half) + _least(share, left - 1 + half, left + 2 + half)
-    return top - bottom / 2 > max(rule.contrast, rule.snr * np.sqrt(least))
-
-
-@_inlined
-def _least(share: Singles, first: float, last: float) -> float:
-    """Return the least value of a row (w,) between two places in px."""
-    end = len(share) - 1
-    low, high = min(max(int(np.floor(first)), 0), end), min(max(int(np.ceil(last)), 0), end)
-    least = share[low]
-    for at in range(low + 1, high + 1):
-        least = min(least, share[at])
-    return least
 
 
 @_inlined
@@ -205,46 +245,3 @@ def sample(row: Singles, col: float) -> float:
     left = min(int(col), max(last - 1, 0))
     part = col - left
     return (1 - part) * row[left] + part * row[min(left + 1, last)]
-
-
-@_inlined
-def _center(
-    share: Singles, variance: Singles, start: float, square: float, reach: int, bell: Singles
-) -> tuple[float, float]:
-    """Return where the derivative of a smoothed row (w,) vanishes near `start`, and its 1 sigma, in px; sigma NaN: no.
-
-    Newton's method with the kernel centred between the pixels: interpolating between sums taken at whole pixels
-    instead would pull every centre towards the nearer one, by up to 0.04 px. square: of the kernel's sigma; bell
-    (reach + 1,): exp(-k^2 / (2 square)). With the kernel d px further left, its weights at px k are those at whole
-    pixels times exp(-k d / square), up to a factor.
-    """
-    middle, place = int(np.rint(start)), start
-    step, grow, d, pace = 0.0, np.float32(1), np.float32(0), np.float32(0)
-    for _ in range(_STEPS):
-        d = np.float32(middle - place)
-        grow = np.exp(np.float32(-d / square))
-        shrink, more, less = np.float32(1) / grow, np.float32(1), np.float32(1)
-        even, odd, wide = share[middle], np.float32(0), np.float32(0)
-        for k in range(1, reach + 1):
-            more *= grow
-            less *= shrink
-            after, before = bell[k] * more * share[middle + k], bell[k] * less * share[middle - k]
-            far = np.float32(k)
-            even += after + before
-            odd += far * (after - before)
-            wide += far * far * (after + before)
-        pace = (wide + d * (odd + odd + d * even)) / np.float32(square) - even
-        if not pace < 0:
-            return place, np.nan
-        step = min(max((odd + d * even) / pace, np.float32(-0.5)), np.float32(0.5))
-        place -= step
-        if abs(step) < _SETTLED:
-            break
-    shrink, more, less = np.float32(1) / grow, np.float32(1), np.float32(1)
-    spread = d * d * variance[middle]
-    for k in range(1, reach + 1):
-        more *= grow
-        less *= shrink
-        after, before = (k + d) * bell[k] * more, (k - d) * bell[k] * less
-        spread += after * after * variance[middle + k] + before * before * variance[middle - k]
-    return place, np.sqrt(spread) / -pace if abs(place - start) <= 1 else np.nan

@@ -34,7 +34,7 @@ class Scales(NamedTuple):
 
     steepest: float
     least: Float32s
-    square: npt.NDArray[np.float64]
+    square: Float32s
     reach: npt.NDArray[np.intp]
     bell: Float32s
 
@@ -57,6 +57,40 @@ class LineRule(NamedTuple):
     flattest: float = FLATTEST
 
 
+class Room(NamedTuple):
+    """Memory for one picture row (w,) at a time, used again for the next one.
+
+    share, variance (1, w), change (w,), flags (>= w,), near (w,): of its pixels; left, scale, start (>= w,): where lines
+    begin to fall, their kernel, and how many px further; numbers, windows, doubts: as `fill_lanes`.
+    """
+
+    share: Float32s
+    variance: Float32s
+    change: Float32s
+    flags: npt.NDArray[np.uint8]
+    near: npt.NDArray[np.uint8]
+    left: npt.NDArray[np.int32]
+    scale: npt.NDArray[np.int32]
+    start: Float32s
+    numbers: Float32s
+    windows: Float32s
+    doubts: Float32s
+
+    @classmethod
+    def of(cls, width: int, scales: Scales) -> Room:
+        """Return memory for rows of `width` px."""
+        from slkit.codecs._center_kernels import LANES, NUMBERS
+
+        share, variance = np.empty((1, width), np.float32), np.empty((1, width), np.float32)
+        # As far as the kernels reach that fit into the row.
+        reach = int(scales.reach[2 * scales.reach < width].max(initial=0))
+        windows, doubts = (np.zeros((2 * reach + 1) * LANES, np.float32) for _ in range(2))
+        flags, near = np.empty(width + 16, np.uint8), np.empty(width, np.uint8)
+        left, scale = np.empty(width + 16, np.int32), np.empty(width + 16, np.int32)
+        change, start, numbers = np.empty(width, np.float32), np.empty(width + 16, np.float32), np.zeros(NUMBERS, np.float32)
+        return cls(share, variance, change, flags, near, left, scale, start, numbers, windows, doubts)
+
+
 def scales_of(width: float, period: float) -> Scales:
     """Return the kernels for lines `width` px wide, `period` px apart, both in projector px."""
     # The sigma of a line grows with the camera px a projector px; beyond each border the next kernel is nearer.
@@ -70,7 +104,7 @@ def scales_of(width: float, period: float) -> Scales:
     least = np.array([*borders, 0], dtype=np.float32)
     # As float32, in which slopes are told: that of just this spacing is common, because cells are whole.
     steepest = float(np.float32(period / _LEAST_SPACING))
-    return Scales(steepest, least, sigma**2, reach, bell.astype(np.float32))
+    return Scales(steepest, least, (sigma**2).astype(np.float32), reach, bell.astype(np.float32))
 
 
 def _border(scale: int) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from slkit.codecs._gray_code import chances
-from slkit.codecs._line_scales import FLATTEST, LineRule, Scales
+from slkit.codecs._line_scales import FLATTEST, LineRule, Room, Scales
 from slkit.codecs._line_view import AxisPeaks, View
 from slkit.codecs._masks import Levels, colors_at
 from slkit.codecs._rows import over_large_blocks, over_rows
@@ -71,16 +71,18 @@ class Scratch:
     starts: Wholes
     col: Doubles
     told: Float32s
+    room: Room
 
     @classmethod
-    def of(cls, rows: int, width: int, shifts: int) -> Scratch:
+    def of(cls, rows: int, width: int, shifts: int, scales: Scales) -> Scratch:
         """Return memory for the most that a block may show."""
         most = rows * (width // 2 + 1)
         slope, light = np.empty((rows, width), np.float32), np.empty((rows + 2, width), np.float32)
         lines, ends = np.empty((shifts, most, 5)), np.empty((shifts, rows + 1), np.int32)
         runs, starts = np.empty((rows * width, 3), np.int32), np.empty(rows + 1, np.int32)
         kept = shifts * most
-        return cls(lines, ends, slope, light, runs, starts, np.empty(kept), np.empty((kept, 4), np.float32))
+        col, told = np.empty(kept), np.empty((kept, 4), np.float32)
+        return cls(lines, ends, slope, light, runs, starts, col, told, Room.of(width, scales))
 
 
 def find_lines(view: View, pictures: Sequence[Levels], scales: Scales, rules: Sequence[LineRule]) -> Lines:
@@ -91,7 +93,7 @@ def find_lines(view: View, pictures: Sequence[Levels], scales: Scales, rules: Se
     def work(rows: slice, scratch: Scratch) -> None:
         found[rows.start] = _find_in(view, pictures, scales, rules, rows, scratch)
 
-    over_large_blocks(lambda rows: Scratch.of(rows, shape[1], len(pictures)), work, shape)
+    over_large_blocks(lambda rows: Scratch.of(rows, shape[1], len(pictures), scales), work, shape)
     return Lines(view, [found[start] for start in sorted(found)])
 
 
@@ -110,7 +112,7 @@ def _find_in(
     scene = light.white[rows], light.black[rows], light.mask[rows], coarse.known[rows], coarse.value[rows], slope
     runs = scratch.runs, scratch.starts
     for picture, rule, lines, end in zip(pictures, rules, scratch.lines, ends, strict=True):
-        line_rows(picture[rows], *scene, light.curve.numbers, *runs, scales, rule, lines, end)
+        line_rows(picture[rows], *scene, light.curve.numbers, *runs, scales, rule, scratch.room, lines, end)
     log_rows(light.white, light.black, rows.start - 1, logs)
     told = slope, logs, coarse.square[rows], rules[0].period, FLATTEST, chances(), PER_SIGMA
     kept = join_rows(rows.start, scratch.lines, ends, *told, scratch.col, scratch.told)
