@@ -14,6 +14,8 @@ from slkit.codecs._line_kernels import COL, CONTRAST, NOISE, SIGMA, VALUE
 Levels = npt.NDArray[Any]
 Singles = npt.NDArray[np.float32]
 Doubles = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+Longs = npt.NDArray[np.int64]
 Wholes = npt.NDArray[np.int32]
 
 ROW, PLACE, SPREAD, CHANCE = range(4)
@@ -41,36 +43,53 @@ def join_rows(
 ) -> int:
     """Write the lines of all pictures that fit their neighbours, row by row, and return how many.
 
-    lines (s, n, 5), ends (s, r + 1): of each picture, as `find_rows` writes them; slope (r, w): projector px a camera
-    px; light (r + 2, w): logarithm of white less black, of the rows around, too; square (r, w): of the coarse
-    position's margin in sigmas; chance: the probability at k / per_sigma sigmas; period: px of value between lines of
-    one picture. col (m,): camera px; told (m, 4): row from row0 on, value, sigma and probability.
+    lines (s n, 5), ends (s, r + 1): of each picture, as `find_rows` writes them, n to a picture; slope (r, w):
+    projector px a camera px; light (r + 2, w): logarithm of white less black, of the rows around, too; square (r, w):
+    of the coarse position's margin in sigmas; chance: the probability at k / per_sigma sigmas; period: px of value
+    between lines of one picture. col (m,): camera px; told (m, 4): row from row0 on, value, sigma and probability.
     """
+    height, width = slope.shape
     most = 0
-    for row in range(len(slope)):
+    for row in range(height):
         most = max(most, np.sum(ends[:, row + 1] - ends[:, row]))
-    here, rate = np.empty((most, 5)), np.empty(most)
-    fits = np.empty(most + 1, np.bool_)
+    order, buckets, fits = np.empty(most, np.int64), np.empty(width + 1, np.int64), np.empty(most + 1, np.bool_)
+    place, value, spread, sure, rate = np.empty(most), np.empty(most), np.empty(most), np.empty(most), np.empty(most)
     end = 0
-    for row in range(len(slope)):
-        count = _merge(lines, ends, row, here)
+    for row in range(height):
+        count = _sort(lines, ends, row, len(lines) // len(ends), buckets, place, order)
         for i in range(count):
-            at = int(np.rint(here[i, COL]))
-            _recenter(here[i], light[row : row + 3], period / max(abs(slope[row, at]), flattest))
-            rate[i] = slope[row, int(np.rint(here[i, COL]))]
-        count = _agreeing(here, rate, count, period / 2, fits)
-        _fit(here, rate, count, period / 2, fits)
-        for i in range(count):
-            at = int(np.rint(here[i, COL]))
+            line = order[i]
+            value[i], spread[i] = lines[line, VALUE], lines[line, SIGMA]
+            sure[i] = lines[line, CONTRAST] / lines[line, NOISE]
+        _recenter(slope[row], light[row], light[row + 1], light[row + 2], period, flattest, count, place, spread, rate)
+        _fit(place, value, rate, count, period / 2, fits)
+        kept = _keep(fits, count, place, value, spread, sure, rate)
+        if kept < count:
+            _fit(place, value, rate, kept, period / 2, fits)
+        for i in range(kept):
             pace = rate[i]
             if fits[i] & fits[i + 1]:
-                pace = (here[i + 1, VALUE] - here[i - 1, VALUE]) / (here[i + 1, COL] - here[i - 1, COL])
-            col[end], told[end, ROW], told[end, PLACE] = here[i, COL], row0 + row, here[i, VALUE]
-            told[end, SPREAD] = here[i, SIGMA] * abs(pace)
-            margin = min(np.sqrt(square[row, at]), np.float32(here[i, CONTRAST] / here[i, NOISE]))
-            told[end, CHANCE] = _look_up(chance, margin * np.float32(per_sigma))
+                pace = (value[i + 1] - value[i - 1]) / (place[i + 1] - place[i - 1])
+            margin = min(np.sqrt(square[row, int(np.rint(place[i]))]), np.float32(sure[i]))
+            col[end], told[end, ROW], told[end, PLACE] = place[i], row0 + row, value[i]
+            told[end, SPREAD], told[end, CHANCE] = spread[i] * abs(pace), _look_up(chance, margin * np.float32(per_sigma))
             end += 1
     return end
+
+
+@_compiled
+def _keep(
+    fits: Mask, count: int, place: Doubles, value: Doubles, spread: Doubles, sure: Doubles, rate: Doubles
+) -> int:
+    """Move what goes on smoothly to a neighbour in a row to the front, and return how much; see `agreeing`."""
+    kept = 0
+    for i in range(count):
+        if fits[i] | fits[i + 1]:
+            if kept < i:
+                place[kept], value[kept], spread[kept] = place[i], value[i], spread[i]
+                sure[kept], rate[kept] = sure[i], rate[i]
+            kept += 1
+    return kept
 
 
 @_inlined
@@ -82,62 +101,81 @@ def _look_up(table: Singles, place: float) -> float:
 
 
 @_compiled
-def _merge(lines: Doubles, ends: Wholes, row: int, here: Doubles) -> int:
-    """Write the lines of a row in all pictures, by column, and return how many."""
-    following = ends[:, row].copy()
+def _sort(lines: Doubles, ends: Wholes, row: int, apart: int, buckets: Longs, place: Doubles, order: Longs) -> int:
+    """Write the columns of a row's lines in all pictures, in order, and which these are, and return how many.
+
+    lines (s apart, n), ends: see `join_rows`. Lines are put into buckets of a px first, then in order within these.
+    """
+    buckets[:] = 0
+    for s in range(len(ends)):
+        for k in range(s * apart + ends[s, row], s * apart + ends[s, row + 1]):
+            buckets[int(lines[k, COL]) + 1] += 1
     count = 0
-    while True:
-        first, least = -1, np.inf
-        for s in range(len(lines)):
-            if following[s] < ends[s, row + 1] and lines[s, following[s], COL] < least:
-                first, least = s, lines[s, following[s], COL]
-        if first < 0:
-            return count
-        for k in range(5):
-            here[count, k] = lines[first, following[first], k]
-        following[first] += 1
-        count += 1
+    for at in range(len(buckets)):
+        count += buckets[at]
+        buckets[at] = count
+    for s in range(len(ends)):
+        for k in range(s * apart + ends[s, row], s * apart + ends[s, row + 1]):
+            col = lines[k, COL]
+            at = buckets[int(col)]
+            buckets[int(col)] = at + 1
+            place[at], order[at] = col, k
+    for i in range(1, count):
+        col, k, at = place[i], order[i], i
+        while at > 0 and col < place[at - 1]:
+            place[at], order[at] = place[at - 1], order[at - 1]
+            at -= 1
+        place[at], order[at] = col, k
+    return count
 
 
 @_compiled
-def _recenter(line: Doubles, light: Singles, spacing: float) -> None:
-    """Move a line to where it would be on a scene of even brightness, and widen its sigma; see `View.centered`."""
-    left = int(line[COL])
-    part = line[COL] - left
-    before, after = light[1, left + 1] - light[1, left - 1], light[1, left + 2] - light[1, left]
-    brighter = (before + part * (after - before)) / 2
-    outer, inner, further = np.float32(0), np.float32(0), np.float32(0)
-    for k in range(3):
-        near = light[k]
-        outer = max(outer, abs(near[left] - near[left - 2]))
-        inner = max(inner, max(abs(near[left + 1] - near[left - 1]), abs(near[left + 2] - near[left])))
-        further = max(further, abs(near[left + 3] - near[left + 1]))
-    before, after = max(outer, inner), max(inner, further)
-    doubt = VARIANCE_DOUBT * min((before + part * (after - before)) / 2, STEEPEST)
-    sampling = SAMPLING * max(COMFORTABLE_SPACING / spacing, 1.0) ** 3
-    line[COL] += VARIANCE * min(max(brighter, -STEEPEST), STEEPEST)
-    line[SIGMA] = np.sqrt(line[SIGMA] ** 2 + doubt**2 + sampling**2)
+def _recenter(
+    slope: Singles,
+    above: Singles,
+    here: Singles,
+    below: Singles,
+    period: float,
+    flattest: float,
+    count: int,
+    place: Doubles,
+    spread: Doubles,
+    rate: Doubles,
+) -> None:
+    """Move lines of a row to where they would be on a scene of even brightness, widen their sigma, write the slope.
 
-
-@_compiled
-def _agreeing(here: Doubles, rate: Doubles, count: int, limit: float, fits: npt.NDArray[np.bool_]) -> int:
-    """Move the lines of a row that go on smoothly to a neighbour to its begin, and return how many; see `agreeing`."""
-    _fit(here, rate, count, limit, fits)
-    kept = 0
+    slope (w,): of the row; above, here, below (w,): logarithm of white less black, of the row and those beside it;
+    place, spread: of lines, in px. See `View.centered`.
+    """
     for i in range(count):
-        if fits[i] | fits[i + 1]:
-            here[kept], rate[kept] = here[i], rate[i]
-            kept += 1
-    return kept
+        left = int(place[i])
+        part = place[i] - left
+        # Twice the gradients at the px to the left and to the right, and the largest around each.
+        before, after = here[left + 1] - here[left - 1], here[left + 2] - here[left]
+        first, second = abs(here[left] - here[left - 2]), abs(before)
+        third, fourth = abs(after), abs(here[left + 3] - here[left + 1])
+        for near in (above, below):
+            first, second = max(first, abs(near[left] - near[left - 2])), max(second, abs(near[left + 1] - near[left - 1]))
+            third, fourth = max(third, abs(near[left + 2] - near[left])), max(fourth, abs(near[left + 3] - near[left + 1]))
+        most, following = max(first, max(second, third)), max(second, max(third, fourth))
+        doubt = VARIANCE_DOUBT * min((most + part * (following - most)) / 2, STEEPEST)
+        brighter = min(max((before + part * (after - before)) / 2, -STEEPEST), STEEPEST)
+        crowding = max(COMFORTABLE_SPACING / period * max(abs(slope[int(np.rint(place[i]))]), flattest), 1.0)
+        sampling = SAMPLING * crowding * crowding * crowding
+        place[i] += VARIANCE * brighter
+        spread[i] = np.sqrt(spread[i] * spread[i] + doubt * doubt + sampling * sampling)
+        rate[i] = slope[int(np.rint(place[i]))]
 
 
 @_compiled
-def _fit(here: Doubles, rate: Doubles, count: int, limit: float, fits: npt.NDArray[np.bool_]) -> None:
+def _fit(
+    place: Doubles, value: Doubles, rate: Doubles, count: int, limit: float, fits: Mask
+) -> None:
     """Write whether lines i - 1 and i of a row belong to one smooth piece of it, for i from 0 to count; see `joined`."""
     fits[0] = fits[count] = False
     for i in range(1, count):
-        rise = here[i, VALUE] - here[i - 1, VALUE]
-        ratio = rise / (here[i, COL] - here[i - 1, COL]) / (rate[i - 1] + rate[i]) * 2
+        rise = value[i] - value[i - 1]
+        ratio = rise / (place[i] - place[i - 1]) / (rate[i - 1] + rate[i]) * 2
         fits[i] = (abs(rise) <= limit) & (ratio > 0.5) & (ratio < 2)
 
 

@@ -115,5 +115,5 @@ def _find_in(
         line_rows(picture[rows], *scene, light.curve.numbers, *runs, scales, rule, scratch.room, lines, end)
     log_rows(light.white, light.black, rows.start - 1, logs)
     told = slope, logs, coarse.square[rows], rules[0].period, FLATTEST, chances(), PER_SIGMA
-    kept = join_rows(rows.start, scratch.lines, ends, *told, scratch.col, scratch.told)
+    kept = join_rows(rows.start, scratch.lines.reshape(-1, 5), ends, *told, scratch.col, scratch.told)
     return scratch.col[:kept].copy(), scratch.told[:kept].copy()

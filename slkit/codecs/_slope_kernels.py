@@ -51,28 +51,29 @@ def change_rows(value: Singles, known: Mask, jump: float, first: int, last: int,
     known (h, w): where value is; a change of a jump or more is left out. sums (4,): total and count along the columns,
     then along the rows.
     """
-    limit, none = np.float32(jump), np.float32(0)
-    one = np.float32(1)
-    width = value.shape[1]
+    size, counts = np.empty(value.shape[1], np.float32), np.empty(value.shape[1], np.float32)
     for row in range(first, last):
-        below = min(row + 1, len(value) - 1)
-        here, under, sure, sure_under = value[row], value[below], known[row], known[below]
-        total, count, total_down, count_down = none, none, none, none
-        for col in range(width - 1):
-            change = abs(here[col + 1] - here[col])
-            good = sure[col] & sure[col + 1] & (change < limit)
-            total += change if good else none
-            count += one if good else none
-        for col in range(width):
-            change = abs(under[col] - here[col])
-            good = sure[col] & sure_under[col] & (change < limit)
-            total_down += change if good else none
-            count_down += one if good else none
-        sums[0] += total
-        sums[1] += count
-        if below > row:
-            sums[2] += total_down
-            sums[3] += count_down
+        here, sure, steps = value[row], known[row], value.shape[1] - 1
+        _sizes(here[:steps], here[1:], sure[:steps], sure[1:], jump, size, counts)
+        sums[0] += np.sum(size[:steps])
+        sums[1] += np.sum(counts[:steps])
+        if row + 1 < len(value):
+            _sizes(here, value[row + 1], sure, known[row + 1], jump, size, counts)
+            sums[2] += np.sum(size)
+            sums[3] += np.sum(counts)
+
+
+@_compiled
+def _sizes(
+    one: Singles, other: Singles, known: Mask, other_known: Mask, jump: float, size: Singles, counts: Singles
+) -> None:
+    """Write how far apart values (w,) are, and 1, where both are known and less than a jump apart, else 0."""
+    limit, none, unit = np.float32(jump), np.float32(0), np.float32(1)
+    for col in range(len(one)):
+        change = abs(other[col] - one[col])
+        good = known[col] & other_known[col] & (change < limit)
+        size[col] = change if good else none
+        counts[col] = unit if good else none
 
 
 @_compiled
