@@ -21,6 +21,7 @@ from bench_pictures import (
     PROJECTOR,
     SMALL,
     lines,
+    lines_by_kernels,
     middle_of,
     pairs,
     rig_of,
@@ -33,7 +34,6 @@ from bench_pictures import (
 
 from slkit.codecs._gray_code import BitRule, CellCode, read_cells
 from slkit.codecs._masks import measure_light
-from slkit.codecs._peaks import refined
 from slkit.codecs.gray import Gray
 from slkit.codecs.phase_shift import Fringes, PhaseShift
 from slkit.data import Frames
@@ -45,7 +45,7 @@ PHASE = PhaseShift(PROJECTOR, x=Fringes(PERIODS, offset=-np.pi), references=Fals
 BOTH, COLUMNS = Gray(PROJECTOR, axes="both"), Gray(PROJECTOR)
 GRAY_WORK, BOTH_WORK = "decoding Gray code, columns", "decoding Gray code, columns and rows"
 CELLS_WORK = "cells of Gray code and their margins"
-PHASE_WORK, CENTRES_WORK = "decoding phase shift, 3 sets of 4 steps", "centres of lines and their sigma"
+PHASE_WORK, LINES_WORK = "decoding phase shift, 3 sets of 4 steps", "lines of a picture, their centres and sigma"
 PLANE_WORK, RAYS_WORK = "ray-plane, projector distortion, with sigma", "two rays, both lenses, with sigma"
 
 
@@ -196,16 +196,17 @@ def test_phase_fringes(timed, camera):
     assert within(found.x[0, ..., 0], camera.true)
 
 
-def test_centres(timed, camera):
-    *given, true = camera.once("lines", lines)
-    found, _ = timed(CENTRES_WORK, "slkit", lambda: refined(*given, 1.0), 10)
-    assert np.quantile(np.abs(found - true), 0.98) < 0.05
+def test_lines(timed, camera):
+    picture, variance, true = camera.once("lines", lines)
+    row, col, *_ = timed(LINES_WORK, "slkit", lambda: lines_by_kernels(picture, variance, 1.0, 6.0), 10)
+    assert np.quantile(np.abs(col - true(row, col)), 0.98) < 0.05
 
 
-def test_centres_numpy(timed, camera):
-    *given, true = camera.once("lines", lines)
-    found, _ = timed(CENTRES_WORK, "NumPy", lambda: numpy_twins.centres(*given, 1.0), 2, asked="20")
-    assert np.quantile(np.abs(found - true), 0.98) < 0.05
+def test_lines_numpy(timed, camera):
+    picture, variance, true = camera.once("lines", lines)
+    scale, spacing = np.ones_like(picture), np.full_like(picture, 6)
+    found = timed(LINES_WORK, "NumPy", lambda: numpy_twins.lines(picture, variance, scale, spacing), 2, asked="20")
+    assert np.quantile(np.abs(found["col"] - true(found["row"], found["col"])), 0.98) < 0.05
 
 
 def share_of(camera: Camera, by: str) -> tuple[int, str]:

@@ -11,6 +11,9 @@ import cv2
 import numpy as np
 from scipy.ndimage import map_coordinates
 
+from slkit.codecs._line_kernels import find_rows
+from slkit.codecs._line_scales import REACH, LineRule, Room, Scales
+from slkit.codecs._rows import over_large_blocks
 from slkit.data import Correspondences, Frames
 from slkit.geometry import Pinhole, Pose, Rig, homogeneous
 
@@ -112,12 +115,42 @@ def with_columns_only(found: Correspondences) -> Correspondences:
 
 
 def lines(rig: Rig) -> Any:
-    """Return a picture (h, w) of lines 6 px apart, its noise, and row and rough column of each line."""
+    """Return a picture (h, w) of lines 6 px apart, the variance of its noise, and where the line of a row near x is."""
     (width, height), rng = rig.camera.size, np.random.default_rng(0)
-    row, col = np.meshgrid(np.arange(height), np.arange(8, width - 8, 6), indexing="ij")
-    true = (col + 0.5 * np.sin(row / 40)).ravel()
-    x = np.arange(width) - 0.5 * np.sin(np.arange(height) / 40)[:, None]
-    picture = np.exp(-(((x - 8 + 3) % 6 - 3) ** 2) / 2).astype(np.float32)
+    shift = 0.5 * np.sin(np.arange(height) / 40)
+    away = (np.arange(width) - shift[:, None] - 8 + 3) % 6 - 3
+    picture = np.exp(-(away**2) / 2).astype(np.float32)
     picture += rng.normal(0, 0.01, picture.shape).astype(np.float32)
-    start = true + rng.uniform(-0.4, 0.4, true.shape)
-    return picture, np.full_like(picture, 0.01), row.ravel(), start, true
+    return (
+        picture,
+        np.full_like(picture, 0.01**2),
+        lambda row, x: 8 + 6 * np.rint((x - shift[row] - 8) / 6) + shift[row],
+    )
+
+
+def lines_by_kernels(picture: np.ndarray, variance: np.ndarray, scale: float, spacing: float) -> tuple[np.ndarray, ...]:
+    """Return row, column, its sigma, contrast, noise and value of all lines in a picture (h, w), by one kernel.
+
+    scale: sigma in px of the kernel; spacing: px between lines.
+    """
+    reach, width, pace = int(np.ceil(REACH * scale)), picture.shape[1], 8.0
+    bell = np.exp(-((np.arange(reach + 1) / scale) ** 2) / 2)
+    least, square = (np.array([a], np.float32) for a in (0, scale**2))
+    scales = Scales(np.inf, least, square, np.array([reach]), bell[None].astype(np.float32))
+    rule = LineRule(0.0, pace, pace, -np.inf, np.inf, -np.inf, -np.inf)
+    parts: dict[int, tuple[np.ndarray, ...]] = {}
+
+    def scratch(most: int) -> tuple[np.ndarray, ...]:
+        mask, value, slope = np.ones((most, width), bool), np.zeros((most, width), np.float32), pace / spacing
+        runs = np.array([[0, width, 0]] * most, np.int32)
+        return mask, mask, value, np.full_like(value, slope), runs, np.empty((most * (width // 2 + 1), 5))
+
+    def work(rows: slice, aside: tuple[np.ndarray, ...]) -> None:
+        count = rows.stop - rows.start
+        *scene, found = *(a[:count] for a in aside[:-1]), aside[-1]
+        starts, ends = np.arange(count + 1, dtype=np.int32), np.zeros(count + 1, np.int32)
+        find_rows(picture[rows], variance[rows], *scene, starts, scales, rule, Room.of(width, scales), found, ends)
+        parts[rows.start] = np.repeat(np.arange(rows.start, rows.stop), np.diff(ends)), *found[: ends[-1]].T.copy()
+
+    over_large_blocks(scratch, work, picture.shape)
+    return tuple(np.concatenate(part) for part in zip(*(parts[first] for first in sorted(parts)), strict=True))

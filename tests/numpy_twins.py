@@ -1,9 +1,10 @@
-"""The same work in plain NumPy, for `make bench`; `centres` is what a test compares the compiled loop with, too."""
+"""The same work in plain NumPy, for `make bench`; tests compare the compiled loops with `lines` and `centres`, too."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
+import cv2
 import numpy as np
 from scipy.special import ndtr
 
@@ -70,10 +71,46 @@ def _listed(
     return Correspondences(np.stack([cols, rows], axis=1), *columns, confidence[mask], color)
 
 
+def lines(share: np.ndarray, variance: np.ndarray, scale: np.ndarray, spacing: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the bright lines of pictures (h, w) that cross the rows: where the smoothed derivative falls through zero.
+
+    variance (h, w): of the picture. scale (h, w): sigma in px of the Gaussian whose derivative is used, one of few
+    values, NaN where no line is looked for. spacing (h, w): px between lines, for the valleys.
+    The row, column, its sigma, contrast and noise of each line.
+    """
+    parts: list[list[np.ndarray]] = []
+    for sigma in np.unique(scale[np.isfinite(scale)]):
+        reach = int(np.ceil(4.5 * sigma))
+        offset = np.arange(-reach, reach + 1)
+        kernel = (offset * np.exp(-((offset / sigma) ** 2) / 2)).astype(np.float32)
+        slope = cv2.filter2D(share, cv2.CV_32F, kernel[None], borderType=cv2.BORDER_REPLICATE)
+        falls = (slope[:, :-1] > 0) & (slope[:, 1:] <= 0) & (scale[:, :-1] == sigma)
+        falls[:, : reach + 1] = falls[:, -reach - 1 :] = False
+        row, left = np.nonzero(falls)
+        before, after = (slope[row, at].astype(float) for at in (left, left + 1))
+        col, doubt = centres(share, np.sqrt(variance), row, left + before / (before - after), float(sigma))
+        half = spacing[row, left] / 2
+        contrast = _between(share, row, col) - (_between(share, row, col - half) + _between(share, row, col + half)) / 2
+        noise = np.sqrt(variance[row, np.rint(col).astype(int)].astype(float))
+        parts.append([row, col, doubt, contrast, noise])
+    found = (
+        [np.concatenate(part) for part in zip(*parts, strict=True)] if parts else [np.empty(0, int), *np.empty((4, 0))]
+    )
+    keep = np.isfinite(found[2])
+    names = "row", "col", "sigma", "contrast", "noise"
+    return {name: part[keep] for name, part in zip(names, found, strict=True)}
+
+
+def _between(picture: np.ndarray, row: np.ndarray, col: np.ndarray) -> np.ndarray:
+    col = np.clip(col, 0, picture.shape[1] - 1)
+    left = np.minimum(col.astype(int), picture.shape[1] - 2)
+    return (1 - col + left) * picture[row, left] + (col - left) * picture[row, left + 1]
+
+
 def centres(
     picture: np.ndarray, noise: np.ndarray, row: np.ndarray, start: np.ndarray, scale: float, rising: bool = False
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the sub-pixel column (m,) of each line or edge near `start` (m,), and its 1 sigma; see `_peaks.refined`.
+    """Return the sub-pixel column (m,) of each line or edge near `start` (m,), and its 1 sigma; where it falls.
 
     Where a column left the picture (h, w), it is at its border.
     """

@@ -161,6 +161,22 @@ def count_doubts(lo: Wholes, hi: Wholes, most: int, mask: Mask, counts: Wholes) 
 
 
 @_compiled
+def place_rows(lo: Wholes, hi: Wholes, mask: Mask, most: int, step: float, value: Singles, known: Mask) -> None:
+    """Write the middle in px of the possible cells lo to hi (r, w), and whether it is known; see `place`.
+
+    most: of cells in a known position; step: px a cell.
+    """
+    half, middle = np.float32(step / 2), np.float32((step - 1) / 2)
+    for row in range(lo.shape[0]):
+        begin, end, lit, to, sure = lo[row], hi[row], mask[row], value[row], known[row]
+        for col in range(len(to)):
+            to[col] = np.float32(begin[col] + end[col]) * half + middle
+        for col in range(len(to)):
+            count = end[col] - begin[col] + np.int32(1)
+            sure[col] = lit[col] & (count >= 1) & (count <= most)
+
+
+@_compiled
 def write_pixels(
     row0: int,
     mask: Mask,

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from slkit.codecs._masks import Levels, Light
-from slkit.codecs._rows import over_blocks
+from slkit.codecs._rows import over_blocks, over_rows
 from slkit.codecs._separation import SEPARATION_BITS, Pair, robust_bit, separate
 from slkit.data import Float32s, Frames
 from slkit.device import on_cuda
@@ -261,11 +261,19 @@ def possible(cells: Cells, code: CellCode, bounds: Bounds | None) -> tuple[Ints,
     return lo, hi
 
 
-def place(interval: tuple[Ints, Ints], code: CellCode, max_cells: int) -> tuple[Float32s, Mask]:
-    """Return the value in px of the middle of an interval of cells, and whether it is usable, (h, w) each."""
-    lo, hi = interval
-    count = hi - lo + 1
-    return code.center((lo + hi) / 2), (count >= 1) & (count <= max_cells)
+def place(interval: tuple[Ints, Ints], code: CellCode, max_cells: int, mask: Mask) -> tuple[Float32s, Mask]:
+    """Return the px of the middle of an interval of cells, and whether it is usable, (h, w) each; mask: what is lit."""
+    from slkit.codecs._cell_kernels import place_rows
+
+    value, known = np.empty(mask.shape, np.float32), np.empty(mask.shape, np.bool_)
+
+    def work(first: int, last: int) -> None:
+        rows = slice(first, last)
+        lo, hi = (cells[rows] for cells in interval)
+        place_rows(lo, hi, mask[rows], max_cells, float(code.step), value[rows], known[rows])
+
+    over_rows(work, len(mask))
+    return value, known
 
 
 def check_thresholds(min_snr: float, bit_snr: float, min_contrast: float) -> None:

@@ -8,7 +8,6 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from typing import Any
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -18,28 +17,18 @@ from slkit.data import Float32s
 Mask = npt.NDArray[np.bool_]
 Floats = npt.NDArray[np.float64]
 
-_SCALE_STEP = 1.4
-# A narrower kernel, sampled at whole pixels, would pull centres towards the pixel grid.
-_SMALLEST_SCALE = 0.9
-_SLOPE_ROWS = 5
-_NEWTON_STEPS = 3
-# Scales at which the kernel ends: nearer, the next line would tip it as it moves between the pixels.
-_REACH = 4.5
-
 
 @dataclass(frozen=True, eq=False)
 class Peaks:
     """Line centres, one a row of each array (m,).
 
-    row: picture row; col: sub-pixel column; sigma_col: its 1 sigma in px; height: picture value at the centre;
-    contrast: height above the mean of the two valleys beside it; noise: 1 sigma of the picture there; value: the label,
-    a projector position in px, NaN before it is known.
+    row: picture row; col: sub-pixel column; sigma_col: its 1 sigma in px; contrast: height above the two valleys beside
+    it; noise: 1 sigma of the picture there; value: the label, a projector position in px.
     """
 
     row: npt.NDArray[np.intp]
     col: Floats
     sigma_col: Floats
-    height: Floats
     contrast: Floats
     noise: Floats
     value: Floats
@@ -71,98 +60,30 @@ def slope_along_rows(value: Float32s, mask: Mask, jump: float, radius: int) -> F
     mask (h, w): where value is known. jump: a larger difference between neighbours is an edge of the scene and left
     out. radius: half the width of the window in px.
     """
-    step = np.diff(value, axis=1)
-    known = mask[:, 1:] & mask[:, :-1] & (np.abs(step) < jump)
-    window = (2 * radius + 1, _SLOPE_ROWS)
-    total, count = (
-        cv2.boxFilter(a.astype(np.float32), -1, window, normalize=False, borderType=cv2.BORDER_CONSTANT)
-        for a in (np.where(known, step, 0), known)
-    )
-    slope = np.full(value.shape, np.nan, dtype=np.float32)
-    # Below two thirds of a row's worth of neighbours the mean says nothing.
-    slope[:, :-1] = np.where(count > radius, total / np.maximum(count, 1), np.nan)
-    slope[:, -1] = slope[:, -2]
+    from slkit.codecs._slope_kernels import slope_rows
+
+    slope = np.empty(value.shape, dtype=np.float32)
+    over_rows(lambda first, last: slope_rows(value, mask, jump, radius, first, slope[first:last]), len(value))
     return slope
 
 
-def runs_along_rows(value: Float32s, mask: Mask, jump: float) -> bool:
-    """Tell whether a map (h, w) changes faster from column to column than from row to row."""
-    means: list[float] = []
-    for a, m in ((value, mask), (value.T, mask.T)):
-        step = np.abs(np.diff(a, axis=1))[m[:, 1:] & m[:, :-1]]
-        step = step[step < jump]
-        means.append(float(step.mean()) if step.size else 0.0)
-    return means[0] >= means[1]
+def mean_changes(value: Float32s, mask: Mask, jump: float) -> tuple[float, float]:
+    """Return how much a map (h, w) changes from column to column and from row to row, on average; see above.
 
-
-def find_peaks(picture: Float32s, noise: Float32s, scale: Float32s, spacing: Float32s) -> Peaks:
-    """Return the bright line centres of a picture (h, w): where its smoothed derivative falls through zero.
-
-    noise (h, w): 1 sigma of the picture. scale (h, w): sigma in px of the Gaussian whose derivative is used, NaN
-    where no line is looked for. spacing (h, w): px between lines, for the valleys.
-    Source: Blais and Rioux, Real-time numerical peak detector (1986), with a Gaussian derivative (Steger 1998).
+    0 where nothing is known.
     """
-    with np.errstate(invalid="ignore"):
-        level = np.rint(np.log(np.maximum(scale, _SMALLEST_SCALE) / _SMALLEST_SCALE) / np.log(_SCALE_STEP))
-    parts = [
-        _peaks_at_scale(picture, noise, _SMALLEST_SCALE * _SCALE_STEP**k, level == k, spacing)
-        for k in np.unique(level[np.isfinite(level)])
-    ]
-    return Peaks.join(parts) if parts else _none()
+    from slkit.codecs._slope_kernels import change_rows
 
-
-def _peaks_at_scale(picture: Float32s, noise: Float32s, scale: float, where: Mask, spacing: Float32s) -> Peaks:
-    reach = int(np.ceil(_REACH * scale))
-    kernel, _ = derivatives(np.arange(-reach, reach + 1), scale)
-    slope = cv2.filter2D(picture, cv2.CV_32F, kernel[None, :], borderType=cv2.BORDER_REPLICATE)
-    falls = (slope[:, :-1] > 0) & (slope[:, 1:] <= 0) & where[:, :-1]
-    falls[:, : reach + 1] = falls[:, -reach - 1 :] = False
-    row, left = np.nonzero(falls)
-    before, after = slope[row, left].astype(np.float64), slope[row, left + 1].astype(np.float64)
-    start = left + before / (before - after)
-    col, sigma = refined(picture, noise, row, start, scale)
-    nearest = np.rint(col).astype(np.intp)
-    height = sample_row(picture, row, col)
-    half = spacing[row, left] / 2
-    valley = (sample_row(picture, row, col - half) + sample_row(picture, row, col + half)) / 2
-    local = noise[row, nearest].astype(np.float64)
-    found = Peaks(row, col, sigma, height, height - valley, local, np.full(len(row), np.nan))
-    return found.select(np.isfinite(sigma))
-
-
-def refined(
-    picture: Float32s, noise: Float32s, row: npt.NDArray[np.intp], start: Floats, scale: float, rising: bool = False
-) -> tuple[Floats, Floats]:
-    """Return where a weighted sum of the pixels around `start` (m,) vanishes, and its 1 sigma in px.
-
-    NaN where it does not vanish. noise (h, w): 1 sigma of the picture. The weights are `derivatives`, for bright lines,
-    or where `rising` the negative of the smoothed samples, for edges.
-    Newton's method with the kernel centred between the pixels: interpolating between sums taken at whole pixels
-    instead would pull every centre towards the nearer one, by up to 0.04 px.
-    """
-    from slkit.codecs._peak_kernels import refine
-
-    picture, noise = (np.ascontiguousarray(a, dtype=np.float32) for a in (picture, noise))
-    col, sigma = np.empty(len(row)), np.empty(len(row))
-    told = scale, int(np.ceil(_REACH * scale)), rising, _NEWTON_STEPS
+    sums: list[Floats] = []
 
     def work(first: int, last: int) -> None:
-        part = slice(first, last)
-        refine(picture, noise, row[part], start[part], *told, col[part], sigma[part])
+        part = np.zeros(4)
+        change_rows(value, mask, jump, first, last, part)
+        sums.append(part)
 
-    over_rows(work, len(row))
-    return col, sigma
-
-
-def derivatives(offset: npt.NDArray[Any], scale: float) -> tuple[Floats, Floats]:
-    """Return weights at px `offset` (..., n) from the centre, and how they change as the centre moves right.
-
-    Of the first derivative of the samples smoothed by a Gaussian of sigma `scale`, up to a common factor: it falls
-    through zero at the centre of a bright line.
-    """
-    square = (offset / scale) ** 2
-    bell = np.exp(-square / 2)
-    return offset * bell, (square - 1) * bell
+    over_rows(work, len(value))
+    along, steps, down, steps_down = np.sum(sums, axis=0).tolist()
+    return along / max(steps, 1), down / max(steps_down, 1)
 
 
 def sample_row(picture: Float32s, row: npt.NDArray[np.intp], col: Floats) -> Floats:
@@ -172,11 +93,6 @@ def sample_row(picture: Float32s, row: npt.NDArray[np.intp], col: Floats) -> Flo
     left = np.minimum(col.astype(np.intp), max(last - 1, 0))
     share = col - left
     return (1 - share) * picture[row, left] + share * picture[row, np.minimum(left + 1, last)]
-
-
-def _none() -> Peaks:
-    empty = np.empty(0)
-    return Peaks(np.empty(0, dtype=np.intp), empty, empty, empty, empty, empty, empty)
 
 
 def agreeing(peaks: Peaks, slope: Floats, limit: float) -> Mask:
@@ -212,20 +128,28 @@ def pace(peaks: Peaks, slope: Floats, limit: float) -> Floats:
     return result
 
 
-def fill_between(peaks: Peaks, sigma: Floats, shape: tuple[int, int], limit: float) -> tuple[Float32s, Float32s]:
-    """Return maps (h, w) of value and sigma, interpolated along rows between neighbouring peaks; NaN elsewhere.
+def fill_between(
+    rows: npt.NDArray[np.intp],
+    cols: Floats,
+    values: Floats,
+    sigma: npt.NDArray[np.floating[Any]],
+    shape: tuple[int, int],
+    limit: float,
+) -> tuple[Float32s, Float32s]:
+    """Return maps (h, w) of value and sigma, interpolated along rows between neighbouring lines; NaN elsewhere.
 
-    sigma (m,): of the value of each peak, px. limit: px of value; peaks further apart are not neighbours.
+    rows, cols, values, sigma (m,): where lines are, by row and column, their px and its 1 sigma. limit: px of value;
+    lines further apart are not neighbours.
     """
     value_map, sigma_map = np.full(shape, np.nan, dtype=np.float32), np.full(shape, np.nan, dtype=np.float32)
-    rise = np.abs(np.diff(peaks.value))
-    pair = np.flatnonzero((np.diff(peaks.row) == 0) & (rise <= limit) & (rise > 0))
-    first = np.ceil(peaks.col[pair]).astype(np.intp)
-    counts = np.maximum(np.floor(peaks.col[pair + 1]).astype(np.intp) - first + 1, 0)
+    rise = np.abs(np.diff(values))
+    pair = np.flatnonzero((np.diff(rows) == 0) & (rise <= limit) & (rise > 0))
+    first = np.ceil(cols[pair]).astype(np.intp)
+    counts = np.maximum(np.floor(cols[pair + 1]).astype(np.intp) - first + 1, 0)
     pair, first = np.repeat(pair, counts), np.repeat(first, counts)
     col = first + np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
-    share = (col - peaks.col[pair]) / (peaks.col[pair + 1] - peaks.col[pair])
-    row = peaks.row[pair]
-    value_map[row, col] = (1 - share) * peaks.value[pair] + share * peaks.value[pair + 1]
+    share = (col - cols[pair]) / (cols[pair + 1] - cols[pair])
+    row = rows[pair]
+    value_map[row, col] = (1 - share) * values[pair] + share * values[pair + 1]
     sigma_map[row, col] = np.hypot((1 - share) * sigma[pair], share * sigma[pair + 1])
     return value_map, sigma_map

@@ -109,8 +109,7 @@ class Gray:
             intervals.append((code, interval))
             np.minimum(square, cells.square, out=square)
             if self.subpixel:
-                value, good = place(interval, code, self.max_cells)
-                coarse = Coarse(value, good & light.mask, cells.margin)
+                coarse = Coarse(*place(interval, code, self.max_cells, light.mask), cells.square)
                 edges[code.axis] = borders(code, cells, coarse, interval, record)
         found = gather(intervals, square, light.mask, self.max_cells, white)
         return self._at_edges(edges, found, white) if self.subpixel else found
@@ -123,7 +122,7 @@ class Gray:
             camera_xy, i = border.camera_xy.astype(np.float32), int(axis == "y")
             cols, rows = np.rint(camera_xy).astype(np.intp).T
             value, spread = at[rows, cols], spreads[rows, cols]
-            value[:, i], spread[:, i] = border.peaks.value, border.sigma
+            value[:, i], spread[:, i] = border.value, border.sigma
             both = Correspondences(camera_xy, value, spread, border.confidence, colors_at(white, camera_xy))
             parts.append(both.select(np.isfinite(value).sum(axis=1) == len(edges)))
         return Correspondences(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Correspondences)))

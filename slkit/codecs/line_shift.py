@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -27,9 +27,10 @@ from slkit.codecs._gray_code import (
     profile_of,
     read_cells,
 )
-from slkit.codecs._line_view import AxisPeaks, Coarse, View
-from slkit.codecs._masks import Levels, Light, Reader, collect, colors_at, measure_light
-from slkit.codecs._peaks import Peaks, find_peaks
+from slkit.codecs._line_scales import LineRule, scales_of
+from slkit.codecs._line_view import Coarse, View
+from slkit.codecs._lines import Lines, find_lines
+from slkit.codecs._masks import Levels, Light, Reader, collect, measure_light
 from slkit.data import Correspondences, Float32s, Frames, Image
 from slkit.errors import InputError
 from slkit.geometry import as_size
@@ -132,8 +133,8 @@ class LineShift:
         code = self._code(axis)
         cells = read_cells(code, read, light, BitRule(self.bit_snr, self.min_contrast, self.robust))
         # As many unknown cells as leave the next line of the same shift outside, whatever side the true one lies on.
-        value, good = place(possible(cells, code, bounds), code, max(self.period // self.cell - 1, 1))
-        return Coarse(value, good & light.mask, cells.margin)
+        most = max(self.period // self.cell - 1, 1)
+        return Coarse(*place(possible(cells, code, bounds), code, most, light.mask), cells.square)
 
     def _nearest_line(self, coarse: Floats, offset: Floats) -> tuple[Floats, Mask]:
         """Return the position offset + whole periods nearest to a coarse one, and whether it is near enough to trust.
@@ -144,38 +145,22 @@ class LineShift:
         return value, np.abs(coarse - value) <= self.period / 2 - 1
 
     def _decode_peaks(self, read: Read, light: Light, white: Image, bounds: Bounds | None) -> Correspondences:
-        x, *others = [self._peaks(axis, read, light, bounds) for axis in coded_axes(self.axes)]
-        camera_xy = x.camera_xy
-        projector_xy = np.full(camera_xy.shape, np.nan)
-        spread = projector_xy.copy()
-        i = 0 if self.axes != "y" else 1
-        projector_xy[:, i], spread[:, i] = x.peaks.value, x.sigma
-        for y in others:
-            projector_xy[:, 1], spread[:, 1] = y.at(camera_xy, light.mask.shape)
-        keep = np.isfinite(projector_xy).all(axis=1) if others else np.ones(len(x.sigma), dtype=bool)
-        found = (a[keep].astype(np.float32) for a in (camera_xy, projector_xy, spread, x.confidence))
-        camera_xy, projector_xy, spread, confidence = found
-        return Correspondences(camera_xy, projector_xy, spread, confidence, colors_at(white, camera_xy))
+        first, *others = coded_axes(self.axes)
+        found = self._lines(first, read, light, bounds).correspondences(int(first == "y"), white)
+        for axis in others:
+            along = self._lines(axis, read, light, bounds).peaks()
+            found.projector_xy[:, 1], found.sigma[:, 1] = along.at(found.camera_xy, light.mask.shape)
+            found = found.select(np.isfinite(found.projector_xy[:, 1]))
+        return found
 
-    def _peaks(self, axis: Axis, read: Read, light: Light, bounds: Bounds | None) -> AxisPeaks:
-        coarse = self._coarse(axis, read, light, bounds)
-        view = View.across(coarse, light, self.period, self.cell)
-        scale, spacing = view.line_scale(self.width, self.period), view.stretch * self.period
-        parts: list[Peaks] = []
-        for shift, name in enumerate(self._line_names(axis)):
-            picture, noise = view.normalized(read(name))
-            peaks = find_peaks(picture, noise, scale, spacing)
-            parts.append(self._labelled(peaks, view, shift, self._size(axis)))
-        peaks = Peaks.join(parts)
-        return view.consistent(view.centered(peaks, self.period), self.period)
-
-    def _labelled(self, peaks: Peaks, view: View, shift: int, size: int) -> Peaks:
-        reach = (self.width - 1) / 2
-        offset = np.full(len(peaks), shift + reach)
-        value, near = self._nearest_line(view.coarse.value[peaks.row, peaks.nearest].astype(np.float64), offset)
-        strong = peaks.contrast > np.maximum(self.min_contrast, self.min_snr * peaks.noise)
-        whole = (value - reach >= 0) & (value + reach <= size - 1)
-        return replace(peaks, value=value).select(near & strong & whole & view.coarse.known[peaks.row, peaks.nearest])
+    def _lines(self, axis: Axis, read: Read, light: Light, bounds: Bounds | None) -> Lines:
+        view = View.across(self._coarse(axis, read, light, bounds), light, self.period, self.cell)
+        reach, size = (self.width - 1) / 2, self._size(axis)
+        # Right as long as the coarse position errs by less than half a period; lines cut by the border are left out.
+        told = float(self.period), self.period / 2 - 1, reach, size - 1 - reach, self.min_contrast, self.min_snr
+        rules = [LineRule(shift + reach, *told) for shift in range(self.period)]
+        pictures = [view.turn(read(name)) for name in self._line_names(axis)]
+        return find_lines(view, pictures, scales_of(self.width, self.period), rules)
 
     def _decode_pixels(self, read: Read, light: Light, white: Image, bounds: Bounds | None) -> Correspondences:
         places: dict[int, tuple[Float32s, Float32s]] = {}

@@ -212,7 +212,7 @@ class PhaseShift:
         """Return the place that the Gray code gives: a pixel between two cells has both, and the border between."""
         code = self._code(axis)
         cells = read_cells(code, lambda name: reader.grey(names.index(name)), light, _BIT_RULE)
-        position, good = place(possible(cells, code, bounds), code, max_cells=2)
+        position, good = place(possible(cells, code, bounds), code, 2, light.mask)
         sigma = np.full_like(position, code.step / np.sqrt(12))
         return Place(position, sigma, probability(cells.margin), good)
 

@@ -1,0 +1,119 @@
+"""The lines of all shifts of a pattern, found a few rows of the pictures at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from slkit.codecs._gray_code import chances
+from slkit.codecs._line_scales import FLATTEST, LineRule, Room, Scales
+from slkit.codecs._line_view import AxisPeaks, View
+from slkit.codecs._masks import Levels, colors_at
+from slkit.codecs._rows import over_large_blocks, over_rows
+from slkit.data import Correspondences, Float32s, Image
+
+Doubles = npt.NDArray[np.float64]
+Wholes = npt.NDArray[np.int32]
+Part = tuple[Doubles, Float32s]
+
+
+@dataclass(frozen=True, eq=False)
+class Lines:
+    """The lines of one projector axis, in parts of a few picture rows, in order; see `join_rows` for their columns."""
+
+    view: View
+    parts: list[Part]
+
+    def peaks(self) -> AxisPeaks:
+        """Return the lines as arrays."""
+        col, told = (np.concatenate(arrays) for arrays in zip(*self.parts, strict=True))
+        row, value, sigma, confidence = told.T
+        return AxisPeaks(
+            row.astype(np.intp), col, value.astype(np.float64), sigma, confidence, self.view.turned, self.view.jump / 2
+        )
+
+    def correspondences(self, axis: int, white: Image) -> Correspondences:
+        """Return the lines as correspondences that know one axis of the projector, 0 for x; white: their colours."""
+        from slkit.codecs._line_join_kernels import write_lines
+
+        ends = np.cumsum([0, *(len(col) for col, _ in self.parts)]).tolist()
+        camera_xy, projector_xy, sigma = (np.empty((ends[-1], 2), np.float32) for _ in range(3))
+        confidence, grey = (np.empty(ends[-1], np.float32) for _ in range(2))
+        light, brightest = self.view.light.white, float(max(int(white.max()), 1))
+
+        def work(first: int, last: int) -> None:
+            for k in range(first, last):
+                part = slice(ends[k], ends[k + 1])
+                out = (a[part] for a in (camera_xy, projector_xy, sigma, confidence, grey))
+                write_lines(*self.parts[k], self.view.turned, axis, light, brightest, *out)
+
+        over_rows(work, len(self.parts))
+        color = colors_at(white, camera_xy) if white.ndim == 3 else np.broadcast_to(grey[:, None], (ends[-1], 3))
+        return Correspondences(camera_xy, projector_xy, sigma, confidence, color)
+
+
+@dataclass(frozen=True, eq=False)
+class Scratch:
+    """Memory for a block of rows (r, w) of `shifts` pictures, used again for the next one.
+
+    lines (shifts, n, 5), ends (shifts, r + 1): what is found in each picture; slope (r, w), light (r + 2, w): of the
+    scene; runs (m, 3), starts (r + 1,): where which kernel serves; col (k,), told (k, 4): what is kept.
+    """
+
+    lines: Doubles
+    ends: Wholes
+    slope: Float32s
+    light: Float32s
+    runs: Wholes
+    starts: Wholes
+    col: Doubles
+    told: Float32s
+    room: Room
+
+    @classmethod
+    def of(cls, rows: int, width: int, shifts: int, scales: Scales) -> Scratch:
+        """Return memory for the most that a block may show."""
+        most = rows * (width // 2 + 1)
+        slope, light = np.empty((rows, width), np.float32), np.empty((rows + 2, width), np.float32)
+        lines, ends = np.empty((shifts, most, 5)), np.empty((shifts, rows + 1), np.int32)
+        runs, starts = np.empty((rows * width, 3), np.int32), np.empty(rows + 1, np.int32)
+        kept = shifts * most
+        col, told = np.empty(kept), np.empty((kept, 4), np.float32)
+        return cls(lines, ends, slope, light, runs, starts, col, told, Room.of(width, scales))
+
+
+def find_lines(view: View, pictures: Sequence[Levels], scales: Scales, rules: Sequence[LineRule]) -> Lines:
+    """Return the lines of pictures (h, w) that fit their neighbours; rules: which lines each picture shows."""
+    found: dict[int, Part] = {}
+    shape = pictures[0].shape
+
+    def work(rows: slice, scratch: Scratch) -> None:
+        found[rows.start] = _find_in(view, pictures, scales, rules, rows, scratch)
+
+    over_large_blocks(lambda rows: Scratch.of(rows, shape[1], len(pictures), scales), work, shape)
+    return Lines(view, [found[start] for start in sorted(found)])
+
+
+def _find_in(
+    view: View, pictures: Sequence[Levels], scales: Scales, rules: Sequence[LineRule], rows: slice, scratch: Scratch
+) -> Part:
+    from slkit.codecs._cell_kernels import PER_SIGMA
+    from slkit.codecs._line_join_kernels import join_rows
+    from slkit.codecs._line_kernels import line_rows
+    from slkit.codecs._slope_kernels import log_rows, run_rows, slope_rows
+
+    light, coarse, count = view.light, view.coarse, rows.stop - rows.start
+    slope, logs, ends = scratch.slope[:count], scratch.light[: count + 2], scratch.ends[:, : count + 1]
+    slope_rows(coarse.value, coarse.known, view.jump, view.radius, rows.start, slope)
+    run_rows(slope, scales, scratch.runs, scratch.starts)
+    scene = light.white[rows], light.black[rows], light.mask[rows], coarse.known[rows], coarse.value[rows], slope
+    runs = scratch.runs, scratch.starts
+    for picture, rule, lines, end in zip(pictures, rules, scratch.lines, ends, strict=True):
+        line_rows(picture[rows], *scene, light.curve.numbers, *runs, scales, rule, scratch.room, lines, end)
+    log_rows(light.white, light.black, rows.start - 1, logs)
+    told = slope, logs, coarse.square[rows], rules[0].period, FLATTEST, chances(), PER_SIGMA
+    kept = join_rows(rows.start, scratch.lines.reshape(-1, 5), ends, *told, scratch.col, scratch.told)
+    return scratch.col[:kept].copy(), scratch.told[:kept].copy()

@@ -1,0 +1,153 @@
+"""How a coarse projector position changes along the rows of a picture, and how light does, in compiled loops."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+if TYPE_CHECKING:
+    from slkit.codecs._line_scales import Scales
+
+Levels = npt.NDArray[Any]
+Singles = npt.NDArray[np.float32]
+Doubles = npt.NDArray[np.float64]
+Wholes = npt.NDArray[np.int32]
+Mask = npt.NDArray[np.bool_]
+
+_ROWS = 2
+
+# A division by zero is data here: a test for it would keep a loop out of parallel lanes.
+_compiled = numba.njit(cache=True, nogil=True, error_model="numpy")
+# A sum in any order, for parallel lanes.
+_summing = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "nsz"})
+
+
+@_summing
+def change_rows(value: Singles, known: Mask, jump: float, first: int, last: int, sums: Doubles) -> None:
+    """Add up how much a map (h, w) changes from column to column and from row to row, of rows first up to last.
+
+    known (h, w): where value is; a change of a jump or more is left out. sums (4,): total and count along the columns,
+    then along the rows.
+    """
+    size, counts = np.empty(value.shape[1], np.float32), np.empty(value.shape[1], np.float32)
+    for row in range(first, last):
+        here, sure, steps = value[row], known[row], value.shape[1] - 1
+        _sizes(here[:steps], here[1:], sure[:steps], sure[1:], jump, size, counts)
+        sums[0] += np.sum(size[:steps])
+        sums[1] += np.sum(counts[:steps])
+        if row + 1 < len(value):
+            _sizes(here, value[row + 1], sure, known[row + 1], jump, size, counts)
+            sums[2] += np.sum(size)
+            sums[3] += np.sum(counts)
+
+
+@_compiled
+def _sizes(
+    one: Singles, other: Singles, known: Mask, other_known: Mask, jump: float, size: Singles, counts: Singles
+) -> None:
+    """Write how far apart values (w,) are, and 1, where both are known and less than a jump apart, else 0."""
+    limit, none, unit = np.float32(jump), np.float32(0), np.float32(1)
+    for col in range(len(one)):
+        change = abs(other[col] - one[col])
+        good = known[col] & other_known[col] & (change < limit)
+        size[col] = change if good else none
+        counts[col] = unit if good else none
+
+
+@_compiled
+def slope_rows(value: Singles, known: Mask, jump: float, radius: int, first: int, slope: Singles) -> None:
+    """Write how fast a map (h, w) changes from column to column, of rows first on (r, w); see `slope_along_rows`."""
+    steps = value.shape[1] - 1
+    total, count = np.empty(steps + 2 * radius + 1, np.float32), np.empty(steps + 2 * radius + 1, np.float32)
+    for row in range(len(slope)):
+        total[:], count[:] = 0, 0
+        for other in range(max(first + row - _ROWS, 0), min(first + row + _ROWS + 1, len(value))):
+            _add_steps(value[other], known[other], jump, total[radius + 1 :], count[radius + 1 :])
+        _window(total, count, radius, slope[row])
+
+
+@_compiled
+def _add_steps(value: Singles, known: Mask, jump: float, total: Singles, count: Singles) -> None:
+    """Add the changes of a row (w,) from column to column where both are known and less than a jump apart."""
+    limit, none, one = np.float32(jump), np.float32(0), np.float32(1)
+    for col in range(len(value) - 1):
+        step = value[col + 1] - value[col]
+        good = known[col] & known[col + 1] & (abs(step) < limit)
+        total[col] += step if good else none
+        count[col] += one if good else none
+
+
+@_compiled
+def _window(total: Singles, count: Singles, radius: int, slope: Singles) -> None:
+    """Write the mean step (w,) within `radius` columns; total, count: with radius + 1 zeros before, radius after."""
+    sums, counts, least = 0.0, np.float32(0), np.float32(radius)
+    last = len(slope) - 1
+    slope[last] = np.nan
+    for k in range(radius + 1, 2 * radius + 1):
+        sums += total[k]
+        counts += count[k]
+    for col in range(last):
+        sums += np.float64(total[col + 2 * radius + 1]) - np.float64(total[col])
+        counts += count[col + 2 * radius + 1] - count[col]
+        # Below two thirds of a row's worth of neighbours the mean says nothing.
+        slope[col] = np.float32(sums) / counts if counts > least else np.nan
+    if last > 0:
+        slope[last] = slope[last - 1]
+
+
+@_compiled
+def run_rows(slope: Singles, scales: Scales, runs: Wholes, starts: Wholes) -> None:
+    """Write where in each row (r, w) which kernel serves: runs (n, 3) of first and past-the-last column and kernel.
+
+    starts (r + 1,): the runs of row i are those from starts[i] to starts[i + 1].
+    """
+    end, scale, width = 0, 0, slope.shape[1]
+    for row in range(len(slope)):
+        starts[row] = end
+        here, col = slope[row], 0
+        while col < width:
+            size = abs(here[col])
+            if not size <= scales.steepest:
+                col += 1
+                continue
+            while size < scales.least[scale]:
+                scale += 1
+            while scale > 0 and size >= scales.least[scale - 1]:
+                scale -= 1
+            least, most = scales.least[scale], scales.least[scale - 1] if scale > 0 else np.float32(np.inf)
+            runs[end, 0], runs[end, 2] = col, scale
+            while col < width and (abs(here[col]) >= least) & (abs(here[col]) < most):
+                if abs(here[col]) > scales.steepest:
+                    break
+                col += 1
+            runs[end, 1] = col
+            end += 1
+    starts[len(slope)] = end
+
+
+@_compiled
+def log_rows(high: Levels, low: Levels, first: int, logs: Singles) -> None:
+    """Write the logarithm of white less black (h, w), never below one level, of rows first on (r, w).
+
+    Rows beyond the picture are those at its border. NumPy's logarithm does not run in parallel lanes; this one does, as
+    2 artanh(s) of the mantissa, within 1e-7.
+    """
+    bits = logs.view(np.int32)
+    one, two, base = np.float32(1), np.float32(2), np.float32(np.log(2))
+    c3, c5, c7, c9 = np.float32(1 / 3), np.float32(1 / 5), np.float32(1 / 7), np.float32(1 / 9)
+    for row in range(len(logs)):
+        at = min(max(first + row, 0), len(high) - 1)
+        white, black, to, raw = high[at], low[at], logs[row], bits[row]
+        for col in range(len(to)):
+            to[col] = max(np.float32(white[col]) - np.float32(black[col]), one)
+        for col in range(len(to)):
+            # The bits of sqrt(1/2), and so many behind the exponent.
+            exponent = (raw[col] - np.int32(0x3F3504F3)) >> np.int32(23)
+            raw[col] -= exponent << np.int32(23)
+            s = (to[col] - one) / (to[col] + one)
+            q = s * s
+            series = one + q * (c3 + q * (c5 + q * (c7 + q * c9)))
+            to[col] = two * s * series + np.float32(exponent) * base
