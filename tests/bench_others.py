@@ -32,7 +32,8 @@ from bench_pictures import (
     within,
 )
 
-from slkit.codecs._gray_code import BitRule, CellCode, read_cells
+from slkit.codecs._cell_bits import BitRule, read_cells
+from slkit.codecs._gray_code import CellCode
 from slkit.codecs._masks import measure_light
 from slkit.codecs.gray import Gray
 from slkit.codecs.phase_shift import Fringes, PhaseShift

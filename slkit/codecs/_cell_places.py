@@ -8,17 +8,57 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from slkit.codecs._gray_code import CellCode, Ints, Mask, chances
+from slkit.codecs._cell_bits import Cells
+from slkit.codecs._gray_code import CellCode, Ints, Mask
 from slkit.codecs._masks import colors_at
 from slkit.codecs._rows import over_rows
 from slkit.data import Correspondences, Float32s, Image
+from slkit.errors import InputError
+from slkit.protocols import Bounds
 
 Longs = npt.NDArray[np.int64]
+Counts = npt.NDArray[np.int32]
 
 # Doubtful pixels are counted in the tile of a pixel and the eight around it, and a place is no narrower than this, in
 # cells.
 _AROUND = 3
 _NARROWEST = 0.5
+
+
+def possible(cells: Cells, code: CellCode, bounds: Bounds | None) -> tuple[Ints, Ints]:
+    """Return the interval lo, hi (h, w) of cells that lie within bounds (h, w, 4), give or take one cell.
+
+    lo > hi where none is left. Errors: InputError where bounds have another size.
+    """
+    lo, hi = cells.lo, cells.hi
+    if bounds is None:
+        return lo, hi
+    if bounds.shape != (*lo.shape, 4):
+        raise InputError(f"bounds must have the shape {(*lo.shape, 4)}, not {bounds.shape}")
+    first = 0 if code.axis == "x" else 2
+    least, most = bounds[..., first], bounds[..., first + 1]
+    allowed = np.isfinite(least) & np.isfinite(most)
+    # Far-away bounds would overflow the cast to whole cells; two cells beyond the border nothing is left of them.
+    beyond = 2 * code.step
+    least, most = (np.clip(np.where(allowed, b, 0), -beyond, code.size + beyond) for b in (least, most))
+    lo = np.maximum(lo, np.floor(least / code.step).astype(np.int32) - 1)
+    hi = np.where(allowed, np.minimum(hi, np.ceil(most / code.step).astype(np.int32) + 1), -1)
+    return lo, hi
+
+
+def place(interval: tuple[Ints, Ints], code: CellCode, max_cells: int, mask: Mask) -> tuple[Float32s, Mask]:
+    """Return the px of the middle of an interval of cells, and whether it is usable, (h, w) each; mask: what is lit."""
+    from slkit.codecs._cell_kernels import place_rows
+
+    value, known = np.empty(mask.shape, np.float32), np.empty(mask.shape, np.bool_)
+
+    def work(first: int, last: int) -> None:
+        rows = slice(first, last)
+        lo, hi = (cells[rows] for cells in interval)
+        place_rows(lo, hi, mask[rows], max_cells, float(code.step), value[rows], known[rows])
+
+    over_rows(work, len(mask))
+    return value, known
 
 
 def gather(
@@ -35,21 +75,20 @@ def gather(
     """
     from slkit.codecs._cell_kernels import TILE, count_doubts
 
-    mask, height = mask.copy(), len(mask)
+    mask, height, kept = mask.copy(), len(mask), np.empty(len(mask), np.int64)
     tiles = -(-height // TILE), -(-mask.shape[1] // TILE), 3
     shares: list[Float32s] = []
     for _, (lo, hi) in intervals:
         counts = np.zeros(tiles, np.int32)
 
-        def count(first: int, last: int, lo: Ints = lo, hi: Ints = hi, counts: Ints = counts) -> None:
+        def count(first: int, last: int, lo: Ints = lo, hi: Ints = hi, counts: Counts = counts) -> None:
             part = slice(first, last)
-            count_doubts(lo[part], hi[part], max_cells, mask[part], counts[first // TILE :])
+            count_doubts(lo[part], hi[part], max_cells, mask[part], counts[first // TILE :], kept[part])
 
         over_rows(count, height, TILE)
         shares.append(_shares(counts))
-    rows = np.count_nonzero(mask, axis=1)
-    starts = np.cumsum(rows) - rows
-    found = _pixels(mask, square, white, starts, int(rows.sum()))
+    starts = np.cumsum(kept) - kept
+    found = _pixels(mask, square, white, starts, int(kept.sum()))
     for (code, interval), near in zip(intervals, shares, strict=True):
         _write_axis(code, interval, near, mask, starts, found, len(intervals) == 1)
     return found
@@ -65,7 +104,7 @@ def _write_axis(
     alone: bool,
 ) -> None:
     """Write position and sigma of one axis into `found`; alone: there is no other, which is then NaN."""
-    from slkit.codecs._cell_kernels import write_places
+    from slkit.codecs._result_kernels import write_places
 
     (lo, hi), axis = interval, int(code.axis == "y")
     middle = (code.step - 1) / 2
@@ -78,7 +117,7 @@ def _write_axis(
     over_rows(work, len(mask))
 
 
-def _shares(counts: Ints) -> Float32s:
+def _shares(counts: Counts) -> Float32s:
     """Return the shares (t, s, 2) of doubtful pixels in a tile and around it, of counts (t, s, 3)."""
     import cv2
 
@@ -91,16 +130,18 @@ def _shares(counts: Ints) -> Float32s:
 
 def _pixels(mask: Mask, square: Float32s, white: Image, starts: Longs, total: int) -> Correspondences:
     """Return correspondences (total,) of the pixels of mask (h, w), positions left open; starts (h,): of each row."""
-    from slkit.codecs._cell_kernels import write_pixels
+    from slkit.codecs._result_kernels import write_pixels
 
-    camera_xy, level = np.empty((total, 2), np.float32), np.empty(total, np.float32)
-    confidence, table, brightest = np.empty(total, np.float32), chances(), float(max(int(white.max()), 1))
+    # A large piece of memory is given in large pages, which come at a fraction of the time.
+    camera_xy, projector_xy, sigma = np.empty((3, total, 2), np.float32)
+    confidence, level = np.empty((2, total), np.float32)
+    brightest = float(max(int(white.max()), 1))
     grey = white if white.ndim == 2 else white[..., 0]
 
     def work(first: int, last: int) -> None:
         part, out = slice(first, last), (camera_xy, confidence, level)
-        write_pixels(first, mask[part], square[part], table, grey[part], brightest, starts[part], *out)
+        write_pixels(first, mask[part], square[part], grey[part], brightest, starts[part], *out)
 
     over_rows(work, len(mask))
     color = colors_at(white, camera_xy) if white.ndim == 3 else np.broadcast_to(level[:, None], (total, 3))
-    return Correspondences(camera_xy, np.empty_like(camera_xy), np.empty_like(camera_xy), confidence, color)
+    return Correspondences(camera_xy, projector_xy, sigma, confidence, color)

@@ -1,4 +1,4 @@
-"""The bits of a Gray code on a CUDA device, one thread a pixel; `_cell_kernels` does the same on the processor.
+"""The bits of a Gray code on a CUDA device, one thread a pixel; `_bit_kernels` does the same on the processor.
 
 Importing this module imports numba's CUDA: do it inside functions only.
 """
@@ -14,7 +14,7 @@ from numba import float32, int32
 
 Levels = npt.NDArray[Any]
 Singles = npt.NDArray[np.float32]
-Wholes = npt.NDArray[np.int32]
+Wholes = npt.NDArray[np.signedinteger[Any]]
 
 # numba's own types of it are not complete.
 cuda: Any = _typed
@@ -36,6 +36,7 @@ def _pixel(
     noise: Singles,
     rule: Singles,
     first: int,
+    last: int,
     lo: Wholes,
     hi: Wholes,
     square: Singles,
@@ -43,7 +44,8 @@ def _pixel(
     """Take the bits from `first` on, lit (bits, n), of the thread's pixel into its cells lo to hi, (n,) each.
 
     inverse (bits, n), or (0, n) where white + black - pattern stands in for it; noise (3,): variance in dark, its gain
-    a level, the dark level; rule (2,): what makes a bit known in sigmas, and as a share of white - black.
+    a level, the dark level; rule (2,): what makes a bit known in sigmas, and as a share of white - black; last: number
+    of the last cell after these bits.
     """
     i = cuda.grid(1)
     if i >= lo.shape[0]:
@@ -51,7 +53,9 @@ def _pixel(
     high, low, base = float32(white[i]), float32(black[i]), noise[2]
     references = _larger(high - base, float32(0)) + _larger(low - base, float32(0))
     least = rule[1] * _larger(high - low, float32(1))
-    begin, end, weakest = lo[i], hi[i], square[i]
+    begin, end, weakest = int32(0), int32(0), float32(np.inf)
+    if first > 0:
+        begin, end, weakest = int32(lo[i]), int32(hi[i]), square[i]
     for k in range(lit.shape[0]):
         one = float32(lit[k, i])
         light = _larger(one - base, float32(0))
@@ -73,7 +77,7 @@ def _pixel(
             end = top - before
         if known and ratio < weakest:
             weakest = ratio
-    lo[i], hi[i], square[i] = begin, end, weakest
+    lo[i], hi[i], square[i] = begin, end if end < last else int32(last), weakest
 
 
 _pixels = cuda.jit(_pixel)
@@ -81,21 +85,22 @@ _pixels = cuda.jit(_pixel)
 
 def add_bits(
     lit: Levels,
-    inverse: Levels,
+    inverse: Levels | None,
     references: tuple[Levels, Levels],
     noise: Singles,
     rule: Singles,
     first: int,
+    last: int,
     lo: Wholes,
     hi: Wholes,
     square: Singles,
 ) -> None:
-    """Take the bits from `first` on into cells, as `_gray_code.add_bits` does; lit, inverse: (bits, h, w) each."""
+    """Take the bits from `first` on into cells, as `_cell_bits.add_bits` does; lit, inverse: (bits, h, w)."""
     count = lo.size
-    pictures = [a.reshape(len(a), count) for a in (lit, inverse)]
+    pictures = [a.reshape(len(a), count) for a in (lit, lit[:0] if inverse is None else inverse)]
     light = [r.ravel() for r in references]
     given = [cuda.to_device(np.ascontiguousarray(a)) for a in (*pictures, *light, noise, rule)]
     state = [cuda.to_device(a.ravel()) for a in (lo, hi, square)]
-    _pixels[-(-count // _THREADS), _THREADS](*given, first, *state)
+    _pixels[-(-count // _THREADS), _THREADS](*given, first, last, *state)
     for array, result in zip((lo, hi, square), state, strict=True):
         array[...] = result.copy_to_host().reshape(array.shape)

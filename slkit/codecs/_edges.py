@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from slkit.codecs._gray_code import CellCode, Cells, Ints
+from slkit.codecs._cell_bits import Cells
+from slkit.codecs._gray_code import CellCode, Ints
 from slkit.codecs._line_scales import REACH
 from slkit.codecs._line_view import AxisPeaks, Coarse, View
 from slkit.codecs._masks import Light

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from slkit.codecs._footprint import COMFORTABLE_SPACING, SAMPLING, STEEPEST, VARIANCE, VARIANCE_DOUBT
 from slkit.codecs._line_kernels import COL, CONTRAST, NOISE, SIGMA, VALUE
+from slkit.codecs._noise_kernels import chance_of
 
 Levels = npt.NDArray[Any]
 Singles = npt.NDArray[np.float32]
@@ -23,7 +24,6 @@ ROW, PLACE, SPREAD, CHANCE = range(4)
 
 # A division by zero is data here: a test for it would keep a loop out of parallel lanes.
 _compiled = numba.njit(cache=True, nogil=True, error_model="numpy")
-_inlined = numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")
 
 
 @_compiled
@@ -36,8 +36,6 @@ def join_rows(
     square: Singles,
     period: float,
     flattest: float,
-    chance: Singles,
-    per_sigma: int,
     col: Doubles,
     told: Singles,
 ) -> int:
@@ -45,8 +43,8 @@ def join_rows(
 
     lines (s n, 5), ends (s, r + 1): of each picture, as `find_rows` writes them, n to a picture; slope (r, w):
     projector px a camera px; light (r + 2, w): logarithm of white less black, of the rows around, too; square (r, w):
-    of the coarse position's margin in sigmas; chance: the probability at k / per_sigma sigmas; period: px of value
-    between lines of one picture. col (m,): camera px; told (m, 4): row from row0 on, value, sigma and probability.
+    of the coarse position's margin in sigmas; period: px of value between lines of one picture. col (m,): camera px;
+    told (m, 4): row from row0 on, value, sigma and probability.
     """
     height, width = slope.shape
     most = 0
@@ -73,7 +71,7 @@ def join_rows(
             margin = min(np.sqrt(square[row, int(np.rint(place[i]))]), np.float32(sure[i]))
             col[end], told[end, ROW], told[end, PLACE] = place[i], row0 + row, value[i]
             told[end, SPREAD] = spread[i] * abs(pace)
-            told[end, CHANCE] = _look_up(chance, margin * np.float32(per_sigma))
+            told[end, CHANCE] = chance_of(margin)
             end += 1
     return end
 
@@ -89,14 +87,6 @@ def _keep(fits: Mask, count: int, place: Doubles, value: Doubles, spread: Double
                 sure[kept], rate[kept] = sure[i], rate[i]
             kept += 1
     return kept
-
-
-@_inlined
-def _look_up(table: Singles, place: float) -> float:
-    last = len(table) - 2
-    step = int(place) if place < last else last
-    part = min(place - np.float32(step), np.float32(1))
-    return table[step] + part * (table[step + 1] - table[step])
 
 
 @_compiled

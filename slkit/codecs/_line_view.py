@@ -11,9 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from slkit.codecs._footprint import COMFORTABLE_SPACING, SAMPLING, STEEPEST, VARIANCE, VARIANCE_DOUBT, around
-from slkit.codecs._gray_code import probability
 from slkit.codecs._line_scales import FLATTEST
 from slkit.codecs._masks import Light
+from slkit.codecs._noise import probability
 from slkit.codecs._peaks import Peaks, agreeing, fill_between, mean_changes, pace, sample_row, slope_along_rows
 from slkit.data import Float32s
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from slkit.codecs._gray_code import chances
 from slkit.codecs._line_scales import FLATTEST, LineRule, Room, Scales
 from slkit.codecs._line_view import AxisPeaks, View
 from slkit.codecs._masks import Levels, colors_at
@@ -100,7 +99,6 @@ def find_lines(view: View, pictures: Sequence[Levels], scales: Scales, rules: Se
 def _find_in(
     view: View, pictures: Sequence[Levels], scales: Scales, rules: Sequence[LineRule], rows: slice, scratch: Scratch
 ) -> Part:
-    from slkit.codecs._cell_kernels import PER_SIGMA
     from slkit.codecs._line_join_kernels import join_rows
     from slkit.codecs._line_kernels import line_rows
     from slkit.codecs._slope_kernels import log_rows, run_rows, slope_rows
@@ -114,6 +112,6 @@ def _find_in(
     for picture, rule, lines, end in zip(pictures, rules, scratch.lines, ends, strict=True):
         line_rows(picture[rows], *scene, light.curve.numbers, *runs, scales, rule, scratch.room, lines, end)
     log_rows(light.white, light.black, rows.start - 1, logs)
-    told = slope, logs, coarse.square[rows], rules[0].period, FLATTEST, chances(), PER_SIGMA
+    told = slope, logs, coarse.square[rows], rules[0].period, FLATTEST
     kept = join_rows(rows.start, scratch.lines.reshape(-1, 5), ends, *told, scratch.col, scratch.told)
     return scratch.col[:kept].copy(), scratch.told[:kept].copy()

@@ -122,45 +122,50 @@ def measure_light(white: Image, black: Image, min_snr: float) -> Light:
 
 def sampled(picture: Levels, saturated: npt.NDArray[np.bool_]) -> Evidence:
     """Return tiles of a picture (h, w), evenly spread, that show its noise as well as all of it."""
+    from slkit.codecs._noise_kernels import cut_tiles
+
     tiles = Tiles.of(picture.shape)
-    level = tiles.cut(picture).astype(np.float32)
-    return Evidence(level, level, ~tiles.cut(saturated) & tiles.inner)
+    level, usable = np.empty(tiles.shape, np.float32), tiles.usable()
+    cut_tiles(picture, saturated, tiles.rows, tiles.cols, level, usable)
+    return Evidence(level, level, usable)
 
 
 @dataclass(frozen=True, eq=False)
 class Tiles:
-    """Small parts of a picture, laid one below the other: rows, cols (r, c) of their pixels; inner (r, 1): see `of`."""
+    """Small parts of a picture, laid one below the other: rows, cols (r,) where each of their rows begins.
 
-    rows: npt.NDArray[np.intp]
-    cols: npt.NDArray[np.intp]
+    shape: (r, c) of all tiles together; inner (r, 1): rows whose neighbours above and below are theirs in the picture,
+    too.
+    """
+
+    rows: npt.NDArray[np.int64]
+    cols: npt.NDArray[np.int64]
+    shape: tuple[int, int]
     inner: npt.NDArray[np.bool_]
 
     @classmethod
     def of(cls, shape: tuple[int, ...]) -> Tiles:
-        """Return tiles spread over a picture (h, w), or all of a small one.
-
-        inner: rows whose neighbours above and below are theirs in the picture, too.
-        """
+        """Return tiles spread over a picture (h, w), or all of a small one."""
         height, width = shape
         high, wide = _TILE
         count = np.sqrt(np.clip(height * width // _SAMPLE_SHARE, *_SAMPLE_PX) / (high * wide))
         down, across = (int(np.ceil(count * r)) for r in (np.sqrt(height / width), np.sqrt(width / height)))
         if down * high >= height or across * wide >= width:
-            rows, cols = np.indices(shape)
-            return cls(rows, cols, np.ones((height, 1), dtype=np.bool_))
+            return cls(np.arange(height), np.zeros(height, np.int64), (height, width), np.ones((height, 1), np.bool_))
         top, left = (
-            np.linspace(0, height - high, down).astype(np.intp),
-            np.linspace(0, width - wide, across).astype(np.intp),
+            np.linspace(0, last, n).astype(np.int64) for last, n in ((height - high, down), (width - wide, across))
         )
-        first_row, first_col = np.repeat(top, across), np.tile(left, down)
-        rows = (first_row[:, None] + np.arange(high)).reshape(-1, 1)
-        cols = np.repeat(first_col, high)[:, None] + np.arange(wide)
+        rows = (np.repeat(top, across)[:, None] + np.arange(high)).ravel()
         inner = np.tile([False, *[True] * (high - 2), False], down * across)
-        return cls(rows, cols, inner[:, None])
+        return cls(rows, np.repeat(np.tile(left, down), high), (len(rows), wide), inner[:, None])
 
     def cut(self, picture: npt.NDArray[Any]) -> npt.NDArray[Any]:
         """Return the pixels of the tiles (r, c)."""
-        return picture[self.rows, self.cols]
+        return picture[self.rows[:, None], self.cols[:, None] + np.arange(self.shape[1])]
+
+    def usable(self) -> npt.NDArray[np.bool_]:
+        """Return a mask (r, c) of the inner rows."""
+        return np.broadcast_to(self.inner, self.shape).copy()
 
 
 def without_rim(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
@@ -169,10 +174,11 @@ def without_rim(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
     The lens spreads light a pixel beyond what the projector lights, and over the outline of an object: such a pixel
     reports its neighbour's position. Single holes do not grow, and the picture's own border is none.
     """
-    import cv2
+    from slkit.codecs._cell_kernels import keep_inner
 
-    count: Any = cv2.boxFilter(mask.view(np.uint8), -1, (3, 3), normalize=False, borderType=cv2.BORDER_REPLICATE)
-    return mask & (count >= _LEAST_NEIGHBOURS + 1)
+    kept = np.empty(mask.shape, dtype=np.bool_)
+    over_rows(lambda first, last: keep_inner(mask, _LEAST_NEIGHBOURS, first, kept[first:last]), len(mask))
+    return kept
 
 
 def refuse_empty(mask: npt.NDArray[np.bool_], lit: npt.NDArray[np.bool_], saturated: npt.NDArray[np.bool_]) -> None:

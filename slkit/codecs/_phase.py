@@ -13,15 +13,13 @@ import numpy.typing as npt
 from slkit.codecs._gray_code import Mask
 from slkit.codecs._masks import Levels, Reader, Tiles, levels, refuse_empty, saturation, without_rim
 from slkit.codecs._noise import Evidence, NoiseCurve, noise_curve
-from slkit.codecs._rows import over_large_blocks, over_rows
+from slkit.codecs._rows import over_large_blocks
 from slkit.data import Float32s, Image
 
 Four = tuple[Levels, Levels, Levels, Levels, Float32s, Levels, bool, bool]
 """Four frames of a set, weights, most, first, last: see `wave_rows`."""
 Cut = Callable[[npt.NDArray[Any]], npt.NDArray[Any]]
 """Takes the same pixels (r, c) out of any map (h, w)."""
-
-_RIM_PX = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +112,7 @@ def noise_of(sets: Sequence[FringeSet]) -> NoiseCurve:
     A single set has only its mean to show; texture counts as noise there.
     """
     tiles, shown = Tiles.of(sets[-1].frames[0].shape), sets[-2:]
-    usable = np.broadcast_to(tiles.inner, tiles.cols.shape).copy()
+    usable = tiles.usable()
     means = [_mean_in(tiles, fringes, usable) for fringes in shown]
     picture = means[-1] - means[0] if len(means) > 1 else means[0]
     share = sum(1 / fringes.steps for fringes in shown)
@@ -126,9 +124,8 @@ def _mean_in(tiles: Tiles, fringes: FringeSet, usable: Mask) -> Float32s:
     from slkit.codecs._lit_kernels import add_tiles
 
     total = np.zeros(usable.shape, dtype=np.float32)
-    rows, cols = np.ascontiguousarray(tiles.rows[:, 0]), np.ascontiguousarray(tiles.cols[:, 0])
     for frame, most in zip(fringes.frames, fringes.most, strict=True):
-        add_tiles(frame, most, rows, cols, total, usable)
+        add_tiles(frame, most, tiles.rows, tiles.cols, total, usable)
     if fringes.burnt is not None:
         usable &= ~tiles.cut(fringes.burnt)
     return total * np.float32(1 / fringes.steps)
@@ -159,18 +156,6 @@ def modulated(sets: Sequence[FringeSet], noise: NoiseCurve, within: Mask | None,
             good[rows] &= within[rows]
 
     over_large_blocks(lambda rows: sums_for(steps, rows, shape[1]), block, shape)
-    mask = _without_rings(good)
+    mask = without_rim(without_rim(good))
     refuse_empty(mask, lit, saturated)
     return mask
-
-
-def _without_rings(mask: Mask) -> Mask:
-    result = np.empty_like(mask)
-
-    def work(first: int, last: int) -> None:
-        top = max(first - _RIM_PX, 0)
-        part = without_rim(without_rim(mask[top : last + _RIM_PX]))
-        result[first:last] = part[first - top : last - top]
-
-    over_rows(work, len(mask))
-    return result

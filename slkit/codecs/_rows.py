@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import threading
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
+from functools import cache
 from typing import TypeVar
 
 import numpy as np
@@ -56,10 +59,24 @@ def over_rows(work: Callable[[int, int], None], height: int, multiple: int = 1) 
 
     threads = int(getattr(config, "NUMBA_NUM_THREADS"))  # noqa: B009 - numba sets it where no checker sees it
     pieces = -(-height // multiple)
-    cuts = np.minimum(np.linspace(0, pieces, min(threads, pieces) + 1).astype(int) * multiple, height).tolist()
-    parts = list(zip(cuts[:-1], cuts[1:], strict=True))
-    if len(parts) <= 1:
+    count = 1 if getattr(_thread, "helps", False) else min(threads, pieces)
+    if count <= 1:
         work(0, height)
         return
-    with ThreadPoolExecutor(len(parts)) as pool:
-        list(pool.map(work, *zip(*parts, strict=True)))
+    cuts = np.minimum(np.linspace(0, pieces, count + 1).astype(int) * multiple, height).tolist()
+    parts = [_helpers(os.getpid(), threads).submit(work, *ends) for ends in zip(cuts[:-2], cuts[1:-1], strict=True)]
+    try:
+        work(*cuts[-2:])
+    finally:
+        wait(parts)
+    for part in parts:
+        part.result()
+
+
+_thread = threading.local()
+
+
+@cache
+def _helpers(process: int, threads: int) -> ThreadPoolExecutor:
+    """Return threads that help the one that asks, in the process of this number: a fork has none of its parent's."""
+    return ThreadPoolExecutor(threads - 1, initializer=lambda: setattr(_thread, "helps", True))

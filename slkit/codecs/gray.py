@@ -8,12 +8,12 @@ from typing import cast
 
 import numpy as np
 
-from slkit.codecs._cell_places import gather
+from slkit.codecs._cell_bits import BitRule, read_cells
+from slkit.codecs._cell_places import gather, place, possible
 from slkit.codecs._edges import BitRecord, borders
 from slkit.codecs._gray_code import (
     Axes,
     Axis,
-    BitRule,
     CellCode,
     Ints,
     Profile,
@@ -21,13 +21,10 @@ from slkit.codecs._gray_code import (
     coded_axes,
     constant,
     patterns,
-    place,
-    possible,
-    read_cells,
 )
 from slkit.codecs._line_view import AxisPeaks, Coarse
 from slkit.codecs._masks import Levels, Reader, colors_at, levels, measure_light
-from slkit.data import Correspondences, Frames, Image
+from slkit.data import Correspondences, Float32s, Frames, Image
 from slkit.errors import InputError
 from slkit.geometry import as_size
 from slkit.protocols import Bounds
@@ -99,7 +96,7 @@ class Gray:
 
         light = measure_light(white, black, self.min_snr)
         rule = BitRule(self.bit_snr, self.min_contrast, self.robust)
-        square = np.full(light.mask.shape, np.inf, dtype=np.float32)
+        squares: list[Float32s] = []
         intervals: list[tuple[CellCode, tuple[Ints, Ints]]] = []
         edges: dict[Axis, AxisPeaks] = {}
         for code in self._codes():
@@ -107,11 +104,13 @@ class Gray:
             cells = read_cells(code, read, light, rule, record.add if self.subpixel else None)
             interval = possible(cells, code, bounds)
             intervals.append((code, interval))
-            np.minimum(square, cells.square, out=square)
+            squares.append(cells.square)
             if self.subpixel:
                 coarse = Coarse(*place(interval, code, self.max_cells, light.mask), cells.square)
                 edges[code.axis] = borders(code, cells, coarse, interval, record)
-        found = gather(intervals, square, light.mask, self.max_cells, white)
+        found = gather(
+            intervals, squares[0] if len(squares) == 1 else np.minimum(*squares), light.mask, self.max_cells, white
+        )
         return self._at_edges(edges, found, white) if self.subpixel else found
 
     def _at_edges(self, edges: Mapping[Axis, AxisPeaks], found: Correspondences, white: Image) -> Correspondences:

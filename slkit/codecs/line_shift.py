@@ -9,11 +9,12 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
+from slkit.codecs._cell_bits import BitRule, read_cells
+from slkit.codecs._cell_places import place, possible
 from slkit.codecs._footprint import NOISE_GAIN, STEEPEST, VARIANCE, VARIANCE_DOUBT, around, displacement
 from slkit.codecs._gray_code import (
     Axes,
     Axis,
-    BitRule,
     CellCode,
     Mask,
     Profile,
@@ -21,16 +22,13 @@ from slkit.codecs._gray_code import (
     coded_axes,
     constant,
     patterns,
-    place,
-    possible,
-    probability,
     profile_of,
-    read_cells,
 )
 from slkit.codecs._line_scales import LineRule, scales_of
 from slkit.codecs._line_view import Coarse, View
 from slkit.codecs._lines import Lines, find_lines
 from slkit.codecs._masks import Levels, Light, Reader, collect, measure_light
+from slkit.codecs._noise import probability
 from slkit.data import Correspondences, Float32s, Frames, Image
 from slkit.errors import InputError
 from slkit.geometry import as_size

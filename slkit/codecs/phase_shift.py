@@ -7,22 +7,11 @@ from typing import Literal
 
 import numpy as np
 
-from slkit.codecs._gray_code import (
-    Axes,
-    Axis,
-    BitRule,
-    CellCode,
-    Profile,
-    coded_axes,
-    constant,
-    patterns,
-    place,
-    possible,
-    probability,
-    read_cells,
-)
+from slkit.codecs._cell_bits import BitRule, read_cells
+from slkit.codecs._cell_places import place, possible
+from slkit.codecs._gray_code import Axes, Axis, CellCode, Profile, coded_axes, constant, patterns
 from slkit.codecs._masks import Light, Reader, grey, measure_light
-from slkit.codecs._noise import NoiseCurve
+from slkit.codecs._noise import NoiseCurve, probability
 from slkit.codecs._phase import FringeSet, as_image, mean_of, modulated, noise_of, read_images, set_of
 from slkit.codecs._phase_rows import decode_rows
 from slkit.codecs._unwrap import Ladder, Place, holds_axis

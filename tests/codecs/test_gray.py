@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from slkit.codecs._gray_code import BitRule, CellCode, read_cells
+from slkit.codecs._cell_bits import BitRule, read_cells
+from slkit.codecs._gray_code import CellCode
 from slkit.codecs._masks import measure_light
 from slkit.codecs.gray import Gray
 from slkit.data import Frames

@@ -226,9 +226,9 @@ def test_a_sample_is_every_nth_pixel_of_a_mask(seed: int, share: float, most: in
 def test_tiles_are_added_up_where_they_lie(shape: tuple[int, int]) -> None:
     rng = np.random.default_rng(0)
     frames, tiles = [rng.integers(0, 256, shape).astype(np.uint8) for _ in range(3)], Tiles.of(shape)
-    total, usable = np.zeros(tiles.cols.shape, np.float32), np.ones(tiles.cols.shape, dtype=bool)
+    total, usable = np.zeros(tiles.shape, np.float32), np.ones(tiles.shape, dtype=bool)
     for frame in frames:
-        add_tiles(frame, 250, tiles.rows[:, 0].copy(), tiles.cols[:, 0].copy(), total, usable)
+        add_tiles(frame, 250, tiles.rows, tiles.cols, total, usable)
     assert np.array_equal(total, np.sum([tiles.cut(frame).astype(float) for frame in frames], axis=0))
     assert np.array_equal(usable, np.all([tiles.cut(frame) <= 250 for frame in frames], axis=0))
 
