@@ -130,7 +130,8 @@ def _shares(counts: Counts) -> Float32s:
 
 def _pixels(mask: Mask, square: Float32s, white: Image, starts: Longs, total: int) -> Correspondences:
     """Return correspondences (total,) of the pixels of mask (h, w), positions left open; starts (h,): of each row."""
-    from slkit.codecs._result_kernels import write_pixels
+    from slkit.codecs._result_kernels import write_margins
+    from slkit.codecs._run_kernels import write_seen
 
     # A large piece of memory is given in large pages, which come at a fraction of the time.
     camera_xy, projector_xy, sigma = np.empty((3, total, 2), np.float32)
@@ -139,8 +140,9 @@ def _pixels(mask: Mask, square: Float32s, white: Image, starts: Longs, total: in
     grey = white if white.ndim == 2 else white[..., 0]
 
     def work(first: int, last: int) -> None:
-        part, out = slice(first, last), (camera_xy, confidence, level)
-        write_pixels(first, mask[part], square[part], grey[part], brightest, starts[part], *out)
+        part = slice(first, last)
+        write_seen(first, mask[part], grey[part], brightest, starts[part], camera_xy, level)
+        write_margins(mask[part], square[part], starts[part], confidence)
 
     over_rows(work, len(mask))
     color = colors_at(white, camera_xy) if white.ndim == 3 else np.broadcast_to(level[:, None], (total, 3))

@@ -234,23 +234,24 @@ def collect(
     places: position and sigma (h, w) px of each coded axis, 0 for x and 1 for y; confidence (h, w); lit (h, w) or
     (h, w, 3): where the colours come from.
     """
-    from slkit.codecs._wave_kernels import write_maps, write_seen
+    from slkit.codecs._run_kernels import write_maps, write_seen, write_values
 
     rows = np.count_nonzero(mask, axis=1)
     starts, total = np.cumsum(rows) - rows, int(rows.sum())
-    camera_xy, value, spread = (np.empty((total, 2), dtype=np.float32) for _ in range(3))
-    chance, color = np.empty(total, dtype=np.float32), np.empty((total, 3), dtype=np.float32)
+    camera_xy, value, spread = np.empty((3, total, 2), dtype=np.float32)
+    chance, level = np.empty((2, total), dtype=np.float32)
     grey, brightest = (lit if lit.ndim == 2 else lit[..., 0]), float(max(int(lit.max()), 1))
 
     def work(first: int, last: int) -> None:
         part = slice(first, last)
         kept, at = mask[part], starts[part]
-        write_seen(first, kept, confidence[part], grey[part], brightest, at, camera_xy, chance, color)
+        write_seen(first, kept, grey[part], brightest, at, camera_xy, level)
+        write_values(kept, confidence[part], at, chance)
         for axis, (position, sigma) in places.items():
             write_maps(kept, position[part], sigma[part], axis, len(places) == 1, at, value, spread)
 
     over_rows(work, len(mask))
-    color = color if lit.ndim == 2 else colors_at(lit, camera_xy)
+    color = np.broadcast_to(level[:, None], (total, 3)) if lit.ndim == 2 else colors_at(lit, camera_xy)
     return Correspondences(camera_xy, value, spread, chance, color)
 
 

@@ -6,6 +6,8 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
+from slkit.codecs._run_kernels import next_run, write_axis
+
 Singles = npt.NDArray[np.float32]
 Longs = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
@@ -40,7 +42,7 @@ def shift_row(position: Singles, light: Singles, row: int, jump: float, out: Sin
 
 
 @_compiled
-def write_axis(
+def write_doubted(
     first: int,
     last: int,
     mask: Mask,
@@ -62,7 +64,7 @@ def write_axis(
     coded; else as `shift_row`.
     """
     height, width = mask.shape
-    shifts = np.zeros((3, width), dtype=np.float32)
+    shifts, nothing = np.zeros((3, width), dtype=np.float32), np.full(width, np.nan, dtype=np.float32)
     most, doubt = np.zeros(width + 2, dtype=np.float32), np.empty(width, dtype=np.float32)
     for row in range(max(first - 1, 0), min(first + 1, height)):
         shift_row(position, light, row, jump, shifts[row % 3])
@@ -71,13 +73,13 @@ def write_axis(
         if row + 1 < height:
             shift_row(position, light, row + 1, jump, shifts[(row + 1) % 3])
         _doubts(shifts, sigma[row], variance, most, doubt)
-        at = starts[row - first]
-        for col in range(width):
-            if mask[row, col]:
-                projector_xy[at, axis], spread[at, axis] = position[row, col], doubt[col]
-                if alone:
-                    projector_xy[at, 1 - axis], spread[at, 1 - axis] = np.nan, np.nan
-                at += 1
+        to = starts[row - first]
+        begin, end = next_run(mask[row], 0)
+        while begin < end:
+            part, out = slice(begin, end), slice(to, to + end - begin)
+            write_axis(position[row, part], doubt[part], nothing[part], axis, alone, projector_xy[out], spread[out])
+            to += end - begin
+            begin, end = next_run(mask[row], end)
 
 
 @_compiled

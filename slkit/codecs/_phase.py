@@ -13,7 +13,7 @@ import numpy.typing as npt
 from slkit.codecs._gray_code import Mask
 from slkit.codecs._masks import Levels, Reader, Tiles, levels, refuse_empty, saturation, without_rim
 from slkit.codecs._noise import Evidence, NoiseCurve, noise_curve
-from slkit.codecs._rows import over_large_blocks
+from slkit.codecs._rows import over_blocks, over_large_blocks
 from slkit.data import Float32s, Image
 
 Four = tuple[Levels, Levels, Levels, Levels, Float32s, Levels, bool, bool]
@@ -95,10 +95,17 @@ def read_images(reader: Reader, start: int, steps: int) -> list[Image]:
 
 def mean_of(images: Sequence[Image]) -> Image:
     """Return the mean of pictures, as a picture of their depth."""
-    mean = np.zeros(images[0].shape, dtype=np.float32)
-    for image in images:
-        mean += image
-    return as_image(mean / np.float32(len(images)), images[0])
+    first, *others = images
+    mean = np.empty_like(first)
+
+    def work(rows: slice) -> None:
+        total = first[rows].astype(np.float32)
+        for image in others:
+            total += image[rows]
+        mean[rows] = as_image(total / np.float32(len(images)), first)
+
+    over_blocks(work, mean.shape[:2])
+    return mean
 
 
 def as_image(levels: Float32s, like: Image) -> Image:

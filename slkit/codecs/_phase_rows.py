@@ -53,21 +53,20 @@ class Band:
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """The fields of `Correspondences`, with room for more rows than there may be."""
+    """The fields of `Correspondences`, grey for colour (n,), with room for more rows than there may be."""
 
     camera_xy: Float32s
     projector_xy: Float32s
     sigma: Float32s
     confidence: Float32s
-    color: Float32s
+    grey: Float32s
 
     @classmethod
     def room_for(cls, count: int) -> Rows:
         """Return room for so many rows, in one piece of memory."""
-        ends = count * np.cumsum((2, 2, 2, 1, 3))
-        parts = np.split(np.empty(ends[-1], dtype=np.float32), ends[:-1])
-        camera_xy, projector_xy, sigma, confidence, color = (part.reshape(count, -1) for part in parts)
-        return cls(camera_xy, projector_xy, sigma, confidence[:, 0], color)
+        memory = np.empty((8, count), dtype=np.float32)
+        camera_xy, projector_xy, sigma = memory[:6].reshape(3, count, 2)
+        return cls(camera_xy, projector_xy, sigma, memory[6], memory[7])
 
 
 def decode_rows(ladders: Mapping[int, Ladder], mask: Mask, lit: Image) -> Correspondences:
@@ -89,7 +88,8 @@ def decode_rows(ladders: Mapping[int, Ladder], mask: Mask, lit: Image) -> Corres
         done += _write(ladders, band, (rows.start, top, bottom), lit, brightest, done, out)
     if not done:
         raise DecodeError("no period could be told anywhere: the sets of fringes contradict each other or the bounds")
-    color = out.color if lit.ndim == 2 else colors_at(lit, out.camera_xy[:done])
+    grey = np.broadcast_to(out.grey[:done, None], (done, 3))
+    color = grey if lit.ndim == 2 else colors_at(lit, out.camera_xy[:done])
     found = out.camera_xy, out.projector_xy, out.sigma, out.confidence, color
     return Correspondences(*(field[:done] for field in found))
 
@@ -126,8 +126,8 @@ def _write(
     The shift of a pixel that sees a patch (`displacement`) is not taken off, as it is noisier than the phase itself;
     sigma allows for it.
     """
-    from slkit.codecs._patch_kernels import write_axis
-    from slkit.codecs._wave_kernels import write_seen
+    from slkit.codecs._patch_kernels import write_doubted
+    from slkit.codecs._run_kernels import write_seen, write_values
 
     row0, top, bottom = rows
     starts, total = row_counts(band.mask[top - row0 : bottom - row0])
@@ -136,13 +136,13 @@ def _write(
 
     def work(first: int, last: int) -> None:
         here, there, at = slice(first + top - row0, last + top - row0), first + top, starts[first:last]
-        shown = band.mask[here], band.confidence[here], grey[there : last + top]
-        write_seen(there, *shown, brightest, at, out.camera_xy, out.confidence, out.color)
+        write_seen(there, band.mask[here], grey[there : last + top], brightest, at, out.camera_xy, out.grey)
+        write_values(band.mask[here], band.confidence[here], at, out.confidence)
         for index, (axis, ladder) in enumerate(ladders.items()):
             maps = band.mask, band.position[index], band.sigma[index], band.light[index]
             jump = ladder.sets[-1].pitch / 2
             told = axis, len(ladders) == 1, at, out.projector_xy, out.sigma
-            write_axis(here.start, here.stop, *maps, jump, VARIANCE, *told)
+            write_doubted(here.start, here.stop, *maps, jump, VARIANCE, *told)
 
     over_rows(work, len(starts))
     return total

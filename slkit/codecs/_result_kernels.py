@@ -10,8 +10,8 @@ import numpy.typing as npt
 
 from slkit.codecs._cell_kernels import TILE
 from slkit.codecs._noise_kernels import write_chances
+from slkit.codecs._run_kernels import next_run, write_axis
 
-Levels = npt.NDArray[Any]
 Singles = npt.NDArray[np.float32]
 Wholes = npt.NDArray[np.signedinteger[Any]]
 Longs = npt.NDArray[np.int64]
@@ -19,60 +19,18 @@ Mask = npt.NDArray[np.bool_]
 
 # A division by zero is data here: a test for it would keep a loop out of parallel lanes.
 _compiled = numba.njit(cache=True, nogil=True, error_model="numpy")
-_inlined = numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")
-
-
-@_inlined
-def _next_run(mask: Mask, col: int) -> tuple[int, int]:
-    """Return the first column and the one past the last of the next run of a mask (w,), from a column on."""
-    width = len(mask)
-    while col < width and not mask[col]:
-        col += 1
-    end = col
-    while end < width and mask[end]:
-        end += 1
-    return col, end
 
 
 @_compiled
-def write_pixels(
-    row0: int,
-    mask: Mask,
-    margin: Singles,
-    light: Levels,
-    brightest: float,
-    starts: Longs,
-    camera_xy: Singles,
-    confidence: Singles,
-    grey: Singles,
-) -> None:
-    """Write the kept pixels of rows row0 on (r, w) to the rows of a result from starts (r,) on.
-
-    margin (r, w): squares of sigmas; light (r, w): the white picture, and its brightest level.
-    """
+def write_margins(mask: Mask, square: Singles, starts: Longs, confidence: Singles) -> None:
+    """Write the confidence of the kept pixels to the rows of a result from starts (r,) on; square (r, w): of sigmas."""
     for row in range(mask.shape[0]):
         to = starts[row]
-        first, end = _next_run(mask[row], 0)
+        first, end = next_run(mask[row], 0)
         while first < end:
-            part, out = slice(first, end), slice(to, to + end - first)
-            _write_xy(first, row0 + row, camera_xy[out])
-            write_chances(margin[row, part], confidence[out])
-            _write_grey(light[row, part], np.float32(brightest), grey[out])
+            write_chances(square[row, first:end], confidence[to : to + end - first])
             to += end - first
-            first, end = _next_run(mask[row], end)
-
-
-@_compiled
-def _write_xy(first: int, row: int, camera_xy: Singles) -> None:
-    y = np.float32(row)
-    for i in range(len(camera_xy)):
-        camera_xy[i, 0], camera_xy[i, 1] = np.float32(np.int32(first + i)), y
-
-
-@_compiled
-def _write_grey(light: Levels, brightest: np.float32, grey: Singles) -> None:
-    for i in range(len(light)):
-        grey[i] = np.float32(light[i]) / brightest
+            first, end = next_run(mask[row], end)
 
 
 @_compiled
@@ -89,7 +47,7 @@ def write_places(
     projector_xy: Singles,
     sigma: Singles,
 ) -> None:
-    """Write value and sigma in px of one axis for the kept pixels of rows row0 on; see `write_pixels`.
+    """Write value and sigma in px of one axis for the kept pixels of rows row0 on; see `write_seen`.
 
     shares (t, s, 2): of pixels near by that are between two cells, at borders of the lowest bit and at others; scale
     (4,): px a cell, px of the middle of cell 0, narrowest width of a place in cells, and px of sigma a cell of width;
@@ -102,22 +60,15 @@ def write_places(
             tiles = (row0 + row) // TILE
             _spread(shares[tiles], scale[2], widths)
         to = starts[row]
-        first, end = _next_run(mask[row], 0)
+        first, end = next_run(mask[row], 0)
         while first < end:
             part, out = slice(first, end), slice(to, to + end - first)
             given = lo[row, part], hi[row, part], widths[0, part], widths[1, part], widths[2, part]
             value, spread, nothing = found[0, : end - first], found[1, : end - first], found[2, : end - first]
             _place(*given, scale, value, spread)
-            if not alone:
-                projector_xy[out, axis], sigma[out, axis] = value, spread
-            elif axis == 0:
-                _join(value, nothing, projector_xy[out])
-                _join(spread, nothing, sigma[out])
-            else:
-                _join(nothing, value, projector_xy[out])
-                _join(nothing, spread, sigma[out])
+            write_axis(value, spread, nothing, axis, alone, projector_xy[out], sigma[out])
             to += end - first
-            first, end = _next_run(mask[row], end)
+            first, end = next_run(mask[row], end)
 
 
 @_compiled
@@ -128,12 +79,6 @@ def _spread(shares: Singles, narrowest: np.float32, widths: Singles) -> None:
         lowest, other = shares[col // TILE, 0], shares[col // TILE, 1]
         widths[0, col] = max(one - lowest - other, narrowest)
         widths[1, col], widths[2, col] = max(two * lowest, narrowest), max(two * other, narrowest)
-
-
-@_compiled
-def _join(x: Singles, y: Singles, both: Singles) -> None:
-    for i in range(len(x)):
-        both[i, 0], both[i, 1] = x[i], y[i]
 
 
 @_compiled

@@ -1,4 +1,4 @@
-"""Sums and phases of shifted sinusoids, in compiled loops over rows of pixels, and the rows of a result."""
+"""Sums and phases of shifted sinusoids, in compiled loops over rows of pixels."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ import numpy.typing as npt
 
 Levels = npt.NDArray[Any]
 Singles = npt.NDArray[np.float32]
-Longs = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 
 # A division by zero is data here: a test for it would keep a loop out of parallel lanes.
@@ -164,49 +163,3 @@ def _chance(sigma: Singles, mask: Mask, confidence: Singles) -> None:
         for k in range(len(sigma)):
             if mask[k] & (sigma[k] > least):
                 confidence[k] *= -np.expm1(-scale / (sigma[k] * sigma[k]))
-
-
-@_compiled
-def write_maps(
-    mask: Mask,
-    position: Singles,
-    sigma: Singles,
-    axis: int,
-    alone: bool,
-    starts: Longs,
-    projector_xy: Singles,
-    spread: Singles,
-) -> None:
-    """Write position and sigma of one axis (r, w) of the kept pixels to the rows of a result from starts (r,) on."""
-    for row in range(mask.shape[0]):
-        at = starts[row]
-        for col in range(mask.shape[1]):
-            if mask[row, col]:
-                projector_xy[at, axis], spread[at, axis] = position[row, col], sigma[row, col]
-                if alone:
-                    projector_xy[at, 1 - axis], spread[at, 1 - axis] = np.nan, np.nan
-                at += 1
-
-
-@_compiled
-def write_seen(
-    row0: int,
-    mask: Mask,
-    confidence: Singles,
-    light: Levels,
-    brightest: float,
-    starts: Longs,
-    camera_xy: Singles,
-    chance: Singles,
-    color: Singles,
-) -> None:
-    """Write place, confidence and grey as colour of the kept pixels of rows row0 on (r, w); see `write_maps`."""
-    scale = np.float32(1 / brightest)
-    for row in range(mask.shape[0]):
-        at = starts[row]
-        for col in range(mask.shape[1]):
-            if mask[row, col]:
-                camera_xy[at, 0], camera_xy[at, 1], chance[at] = col, row0 + row, confidence[row, col]
-                level = np.float32(light[row, col]) * scale
-                color[at, 0], color[at, 1], color[at, 2] = level, level, level
-                at += 1

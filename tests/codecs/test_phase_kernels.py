@@ -13,7 +13,7 @@ from slkit.codecs._footprint import around, displacement
 from slkit.codecs._lit_kernels import add_tiles, lit_rows
 from slkit.codecs._masks import Tiles, saturation, without_rim
 from slkit.codecs._noise import NoiseCurve
-from slkit.codecs._patch_kernels import write_axis
+from slkit.codecs._patch_kernels import write_doubted
 from slkit.codecs._period_kernels import blank_outside, distances, keep_inside, place_on_axis, refine_rows
 from slkit.codecs._phase import FringeSet, mean_of, modulated, set_of
 from slkit.codecs._rows import over_large_blocks
@@ -205,7 +205,7 @@ def test_the_doubt_of_a_patch_is_that_of_numpy(seed: int, parts: int, both: bool
     cuts = np.linspace(0, shape[0], parts + 1).astype(int)
     for first, last in zip(cuts[:-1], cuts[1:], strict=True):
         told = keep, position, sigma, np.log(light), 4.0, 0.4
-        write_axis(first, last, *told, 1, not both, starts[first:last], place, spread)
+        write_doubted(first, last, *told, 1, not both, starts[first:last], place, spread)
     np.testing.assert_allclose(spread[:, 1], expected[keep], rtol=1e-4, atol=1e-5)
     assert np.array_equal(place[:, 1], position[keep])
     assert (place[:, 0] == -7).all() if both else np.isnan(place[:, 0]).all() and np.isnan(spread[:, 0]).all()
