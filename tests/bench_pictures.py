@@ -143,7 +143,15 @@ def lines_by_kernels(picture: np.ndarray, variance: np.ndarray, scale: float, sp
     def scratch(most: int) -> tuple[np.ndarray, ...]:
         mask, value, slope = np.ones((most, width), bool), np.zeros((most, width), np.float32), pace / spacing
         runs = np.array([[0, width, 0]] * most, np.int32)
-        return mask, mask, value, np.full_like(value, slope), runs, np.empty((most * (width // 2 + 1), 5))
+        return (
+            mask,
+            mask,
+            value,
+            np.full_like(value, slope),
+            value.astype(np.uint8),
+            runs,
+            np.empty((most * (width // 2 + 1), 5)),
+        )
 
     def work(rows: slice, aside: tuple[np.ndarray, ...]) -> None:
         count = rows.stop - rows.start

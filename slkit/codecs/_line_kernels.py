@@ -44,6 +44,7 @@ def line_rows(
     value: Singles,
     slope: Singles,
     noise: Singles,
+    kernels: Bytes,
     runs: Wholes,
     starts: Wholes,
     scales: Scales,
@@ -57,8 +58,8 @@ def line_rows(
     for row in range(len(picture)):
         to_share(picture[row], high[row], low[row], mask[row], noise, room.share[0], room.variance[0])
         told = mask[row : row + 1], known[row : row + 1], value[row : row + 1], slope[row : row + 1]
-        aside = room, lines, ends[row : row + 2]
-        find_rows(room.share, room.variance, *told, runs, starts[row : row + 2], scales, rule, *aside)
+        where, aside = (kernels[row : row + 1], runs, starts[row : row + 2]), (room, lines, ends[row : row + 2])
+        find_rows(room.share, room.variance, *told, *where, scales, rule, *aside)
 
 
 @_compiled
@@ -89,6 +90,7 @@ def find_rows(
     known: Mask,
     value: Singles,
     slope: Singles,
+    kernels: Bytes,
     runs: Wholes,
     starts: Wholes,
     scales: Scales,
@@ -102,13 +104,14 @@ def find_rows(
     A line is where the smoothed derivative along the row falls through zero; it counts where the coarse projector
     position beside it belongs to one that the picture shows. share, variance (r, w): of the picture; mask (r, w): what
     is lit; known (r, w): where value (r, w), a coarse position in projector px, is known; slope (r, w): projector px a
-    camera px; runs, starts: as `run_rows` writes them.
+    camera px; kernels, runs, starts: as `run_rows` writes them.
     Source: Blais and Rioux, Real-time numerical peak detector (1986), with a Gaussian derivative (Steger 1998).
     """
     for row in range(len(share)):
         _mark_near(value[row], known[row], rule, room.near)
         aside = room.near, room.change, room.flags, room.left, room.start, room.scale
-        count = _find_falls(share[row], runs[starts[row] : starts[row + 1]], scales.reach, scales.bell, *aside)
+        where = kernels[row], runs[starts[row] : starts[row + 1]]
+        count = _find_falls(share[row], *where, scales.reach, scales.bell, *aside)
         here = share[row], variance[row], mask[row], known[row], value[row], slope[row]
         end = ends[row]
         for first in range(0, count, LANES):
@@ -135,6 +138,7 @@ def _mark_near(value: Singles, known: Mask, rule: LineRule, near: Bytes) -> None
 @_compiled
 def _find_falls(
     share: Singles,
+    kernels: Bytes,
     runs: Wholes,
     reaches: Places,
     bell: Singles,
@@ -155,7 +159,7 @@ def _find_falls(
         if last <= first:
             continue
         _derive(share, first, last + 1 - first, bell, kernel, reach, change)
-        begin, words = count, _flag(change, near, first, last - first, flags)
+        begin, words = count, _flag(change, near, kernels, kernel, first, last - first, flags)
         for word in range(len(words)):
             if words[word] == 0:
                 continue
@@ -181,12 +185,12 @@ def _derive(share: Singles, first: int, count: int, bell: Singles, kernel: int, 
 
 
 @_inlined
-def _flag(change: Singles, near: Bytes, first: int, count: int, flags: Bytes) -> Longs:
+def _flag(change: Singles, near: Bytes, kernels: Bytes, kernel: int, first: int, count: int, flags: Bytes) -> Longs:
     """Write 1 where a derivative falls through zero to the next px, and a line is near; return flags as words.
 
-    change (>= count + 1,): of px from first on; near (w,): of the whole row.
+    change (>= count + 1,): of px from first on, by this kernel; near, kernels (w,): of the whole row.
     """
-    one, none = np.uint8(1), np.uint8(0)
+    one, none, this = np.uint8(1), np.uint8(0), np.uint8(kernel)
     here, following = change[:count], change[1 : count + 1]
     for i in range(count):
         flags[i] = one if (here[i] > 0) & (following[i] <= 0) else none
@@ -194,6 +198,9 @@ def _flag(change: Singles, near: Bytes, first: int, count: int, flags: Bytes) ->
     before, at, after, last = near[first - 1 :], near[first:], near[first + 1 :], near[first + 2 :]
     for i in range(count):
         flags[i] &= before[i] | at[i] | after[i] | last[i]
+    served = kernels[first : first + count]
+    for i in range(count):
+        flags[i] = flags[i] if served[i] == this else none
     padded = -(-count // _WORD) * _WORD
     flags[count:padded] = 0
     return flags[:padded].view(np.uint64)

@@ -59,13 +59,14 @@ class Scratch:
     """Memory for a block of rows (r, w) of `shifts` pictures, used again for the next one.
 
     lines (shifts, n, 5), ends (shifts, r + 1): what is found in each picture; slope (r, w), light (r + 2, w): of the
-    scene; runs (m, 3), starts (r + 1,): where which kernel serves; col (k,), told (k, 4): what is kept.
+    scene; kernels (r, w), runs (m, 3), starts (r + 1,): where which kernel serves; col (k,), told (k, 4): what is kept.
     """
 
     lines: Doubles
     ends: Wholes
     slope: Float32s
     light: Float32s
+    kernels: npt.NDArray[np.uint8]
     runs: Wholes
     starts: Wholes
     col: Doubles
@@ -78,10 +79,11 @@ class Scratch:
         most = rows * (width // 2 + 1)
         slope, light = np.empty((rows, width), np.float32), np.empty((rows + 2, width), np.float32)
         lines, ends = np.empty((shifts, most, 5)), np.empty((shifts, rows + 1), np.int32)
-        runs, starts = np.empty((rows * width, 3), np.int32), np.empty(rows + 1, np.int32)
+        kernels, runs = np.empty((rows, width), np.uint8), np.empty((rows * width, 3), np.int32)
+        starts = np.empty(rows + 1, np.int32)
         kept = shifts * most
         col, told = np.empty(kept), np.empty((kept, 4), np.float32)
-        return cls(lines, ends, slope, light, runs, starts, col, told, Room.of(width, scales))
+        return cls(lines, ends, slope, light, kernels, runs, starts, col, told, Room.of(width, scales))
 
 
 def find_lines(view: View, pictures: Sequence[Levels], scales: Scales, rules: Sequence[LineRule]) -> Lines:
@@ -106,11 +108,11 @@ def _find_in(
     light, coarse, count = view.light, view.coarse, rows.stop - rows.start
     slope, logs, ends = scratch.slope[:count], scratch.light[: count + 2], scratch.ends[:, : count + 1]
     slope_rows(coarse.value, coarse.known, view.jump, view.radius, rows.start, slope)
-    run_rows(slope, scales, scratch.runs, scratch.starts)
+    where = scratch.kernels[:count], scratch.runs, scratch.starts
+    run_rows(slope, scales, *where)
     scene = light.white[rows], light.black[rows], light.mask[rows], coarse.known[rows], coarse.value[rows], slope
-    runs = scratch.runs, scratch.starts
     for picture, rule, lines, end in zip(pictures, rules, scratch.lines, ends, strict=True):
-        line_rows(picture[rows], *scene, light.curve.numbers, *runs, scales, rule, scratch.room, lines, end)
+        line_rows(picture[rows], *scene, light.curve.numbers, *where, scales, rule, scratch.room, lines, end)
     log_rows(light.white, light.black, rows.start - 1, logs)
     told = slope, logs, coarse.square[rows], rules[0].period, FLATTEST
     kept = join_rows(rows.start, scratch.lines.reshape(-1, 5), ends, *told, scratch.col, scratch.told)

@@ -15,9 +15,14 @@ Levels = npt.NDArray[Any]
 Singles = npt.NDArray[np.float32]
 Doubles = npt.NDArray[np.float64]
 Wholes = npt.NDArray[np.int32]
+Bytes = npt.NDArray[np.uint8]
 Mask = npt.NDArray[np.bool_]
 
+NO_KERNEL = 255
+"""Stands for a pixel where no line is looked for."""
+
 _ROWS = 2
+_GAP = 64
 
 # A division by zero is data here: a test for it would keep a loop out of parallel lanes.
 _compiled = numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -99,33 +104,49 @@ def _window(total: Singles, count: Singles, radius: int, slope: Singles) -> None
 
 
 @_compiled
-def run_rows(slope: Singles, scales: Scales, runs: Wholes, starts: Wholes) -> None:
-    """Write where in each row (r, w) which kernel serves: runs (n, 3) of first and past-the-last column and kernel.
+def run_rows(slope: Singles, scales: Scales, kernels: Bytes, runs: Wholes, starts: Wholes) -> None:
+    """Write which kernel serves each pixel (r, w), NO_KERNEL where none does, and the runs (n, 3) in which they do so.
 
-    starts (r + 1,): the runs of row i are those from starts[i] to starts[i + 1].
+    A run: first and past-the-last column and kernel; other kernels' pixels may lie between. starts (r + 1,): the runs
+    of row i are those from starts[i] to starts[i + 1].
     """
-    end, scale, width = 0, 0, slope.shape[1]
+    end, open_run = 0, np.empty(len(scales.least), np.int32)
     for row in range(len(slope)):
         starts[row] = end
-        here, col = slope[row], 0
-        while col < width:
-            size = abs(here[col])
-            if not size <= scales.steepest:
+        _choose(slope[row], scales, kernels[row])
+        here, col = kernels[row], 0
+        open_run[:] = -1
+        while col < len(here):
+            kernel, first = here[col], col
+            while col < len(here) and here[col] == kernel:
                 col += 1
+            if kernel == NO_KERNEL:
                 continue
-            while size < scales.least[scale]:
-                scale += 1
-            while scale > 0 and size >= scales.least[scale - 1]:
-                scale -= 1
-            least, most = scales.least[scale], scales.least[scale - 1] if scale > 0 else np.float32(np.inf)
-            runs[end, 0], runs[end, 2] = col, scale
-            while col < width and (abs(here[col]) >= least) & (abs(here[col]) < most):
-                if abs(here[col]) > scales.steepest:
-                    break
-                col += 1
-            runs[end, 1] = col
+            at = open_run[kernel]
+            # Where slopes waver between two kernels, a few long runs take far less time than many short ones.
+            if at >= 0 and first - runs[at, 1] <= _GAP:
+                runs[at, 1] = col
+                continue
+            runs[end, 0], runs[end, 1], runs[end, 2], open_run[kernel] = first, col, kernel, end
             end += 1
     starts[len(slope)] = end
+
+
+@_compiled
+def _choose(slope: Singles, scales: Scales, kernels: Bytes) -> None:
+    """Write which kernel serves each pixel of a row (w,); see `run_rows`."""
+    flattest, steepest = np.float32(np.inf), np.float32(scales.steepest)
+    for col in range(len(slope)):
+        # Unknown slopes are not a number, hence not below.
+        flattest = abs(slope[col]) if abs(slope[col]) < flattest else flattest
+    kernels[:] = 0
+    for least in scales.least:
+        if least <= flattest:
+            break
+        for col in range(len(slope)):
+            kernels[col] += np.uint8(1) if abs(slope[col]) < least else np.uint8(0)
+    for col in range(len(slope)):
+        kernels[col] = kernels[col] if abs(slope[col]) <= steepest else np.uint8(NO_KERNEL)
 
 
 @_compiled

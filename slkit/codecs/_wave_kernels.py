@@ -22,7 +22,7 @@ _LEAST_SNR = 1e-3
 
 FRAMES = 4
 """So many frames are taken at a time."""
-CHUNK = 1024
+CHUNK = 2048
 """Pixels whose sums lie side by side: cosine, sine and total of so many, then those of the next.
 
 A fixed distance between the three tells the compiler that they do not overlap, which it needs for parallel lanes.

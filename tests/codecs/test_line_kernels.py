@@ -15,7 +15,7 @@ from slkit.codecs._lines import find_lines
 from slkit.codecs._masks import Light
 from slkit.codecs._noise import NoiseCurve
 from slkit.codecs._peaks import Peaks, slope_along_rows
-from slkit.codecs._slope_kernels import log_rows, run_rows
+from slkit.codecs._slope_kernels import NO_KERNEL, log_rows, run_rows
 
 from .. import numpy_twins
 
@@ -164,12 +164,14 @@ def test_each_pixel_has_the_nearest_of_the_kernels(seed: int, width: int, period
     slope = np.exp(rng.uniform(-9, 3, (3, 80))).astype(np.float32) * rng.choice([-1, 1], (3, 80)).astype(np.float32)
     slope[rng.random(slope.shape) < 0.1] = np.nan
     scales = scales_of(width, period)
-    runs, starts = np.empty((slope.size, 3), np.int32), np.empty(4, np.int32)
-    run_rows(slope, scales, runs, starts)
-    used = np.full(slope.shape, np.nan)
+    kernels, runs, starts = np.empty(slope.shape, np.uint8), np.empty((slope.size, 3), np.int32), np.empty(4, np.int32)
+    run_rows(slope, scales, kernels, runs, starts)
+    covered = np.full(slope.shape, NO_KERNEL, np.uint8)
     for row in range(3):
         for first, last, kernel in runs[starts[row] : starts[row + 1]]:
-            used[row, first:last] = np.sqrt(scales.square[kernel])
+            covered[row, first:last][kernels[row, first:last] == kernel] = kernel
+    np.testing.assert_array_equal(covered, kernels)
+    used = np.where(kernels == NO_KERNEL, np.nan, np.sqrt(np.append(scales.square, np.zeros(256))[kernels]))
     np.testing.assert_allclose(used, scale_map(slope, width, period)[0], rtol=1e-6)
 
 
