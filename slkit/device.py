@@ -1,16 +1,21 @@
-"""Where the heaviest loops run: on the processor, or on a graphics processor that speaks CUDA."""
+"""Where the heaviest loops run: side by side on the processor, or on a graphics processor that speaks CUDA."""
 
 from __future__ import annotations
 
-from collections.abc import Generator
+import os
+import threading
+from collections.abc import Callable, Generator, Sequence
+from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from contextvars import ContextVar
+from functools import cache
 
 from slkit.errors import InputError
 
 DEVICES = ("cpu", "cuda")
 
 _chosen = ContextVar("device", default="cpu")
+_thread = threading.local()
 
 
 @contextmanager
@@ -47,3 +52,37 @@ def why_no_cuda() -> str:
         text = " ".join(str(error).split()).removeprefix("Error at driver init: ")
         return text.partition(". ")[0].strip(" .:") or type(error).__name__
     return "" if cuda.is_available() else "numba finds no CUDA toolkit"
+
+
+def threads() -> int:
+    """Return how many threads may work at a time: NUMBA_NUM_THREADS, else as many as there are processors to use."""
+    given = os.environ.get("NUMBA_NUM_THREADS", "")
+    if given.isdecimal() and int(given):
+        return int(given)
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def side_by_side(work: Callable[[int, int], None], cuts: Sequence[int]) -> None:
+    """Call work(first, last) for each two neighbours of `cuts`, all at the same time if it lets go of Python's lock.
+
+    Plain threads, because numba's own do not survive a fork, and a pool of processes may call this.
+    """
+    *others, (first, last) = zip(cuts[:-1], cuts[1:], strict=True)
+    if not others or getattr(_thread, "helps", False):
+        for ends in others:
+            work(*ends)
+        work(first, last)
+        return
+    parts = [_helpers(os.getpid(), threads()).submit(work, *ends) for ends in others]
+    try:
+        work(first, last)
+    finally:
+        wait(parts)
+    for part in parts:
+        part.result()
+
+
+@cache
+def _helpers(process: int, count: int) -> ThreadPoolExecutor:
+    """Return threads that help the one that asks, in the process of this number: a fork has none of its parent's."""
+    return ThreadPoolExecutor(max(count - 1, 1), initializer=lambda: setattr(_thread, "helps", True))

@@ -9,13 +9,14 @@ import numpy as np
 import numpy.typing as npt
 
 from slkit.data import PointCloud
+from slkit.device import side_by_side, threads
 from slkit.errors import FileError
 
 _GREY = 0.7
 _AT_ONCE = 1 << 14  # rows that stay in the cache while their columns are filled
 
 
-def ply(cloud: PointCloud) -> bytearray:
+def ply(cloud: PointCloud) -> memoryview:
     """Return a binary little-endian PLY: x y z in mm, colours, both sigmas and the residual.
 
     float x y z, uchar red green blue, float sigma_mm sigma_cal_mm residual_px. A cloud with normals adds float
@@ -35,15 +36,19 @@ def ply(cloud: PointCloud) -> bytearray:
     head = PlyData([vertex], text=False, byte_order="<", comments=comments).header
     head = head.replace("element vertex 0", f"element vertex {len(cloud)}")
     start = f"{head}\n".encode("ascii")
-    # Filled in place: a large cloud is copied once.
-    data = bytearray(len(start) + len(cloud) * np.dtype(kinds).itemsize)
-    data[: len(start)] = start
-    rows = np.frombuffer(data, dtype=kinds, offset=len(start))
-    for first in range(0, len(rows), _AT_ONCE):
-        part = slice(first, first + _AT_ONCE)
-        for (name, values), (_, kind) in zip(columns.items(), kinds, strict=True):
-            rows[name][part] = _bytes(values[part]) if kind == "u1" else values[part]
-    return data
+    # Filled in place, so that a large cloud is copied once; not a bytearray, which is first filled with zeros.
+    data = np.empty(len(start) + len(cloud) * np.dtype(kinds).itemsize, np.uint8)
+    data[: len(start)] = np.frombuffer(start, np.uint8)
+    rows = data[len(start) :].view(kinds)
+
+    def fill(first: int, last: int) -> None:
+        for row in range(first, last, _AT_ONCE):
+            part = slice(row, min(row + _AT_ONCE, last))
+            for (name, values), (_, kind) in zip(columns.items(), kinds, strict=True):
+                rows[name][part] = _bytes(values[part]) if kind == "u1" else values[part]
+
+    side_by_side(fill, np.linspace(0, len(rows), threads() + 1).astype(int).tolist())
+    return data.data
 
 
 def xyz(cloud: PointCloud) -> bytes:
@@ -54,7 +59,7 @@ def xyz(cloud: PointCloud) -> bytes:
     return file.getvalue()
 
 
-def read_ply(data: bytes | bytearray) -> PointCloud:
+def read_ply(data: bytes | memoryview) -> PointCloud:
     """Return the cloud of a PLY file, one of slkit's or a stranger's, text or binary.
 
     It needs x y z; where there is no red green blue the points are grey, where there is no sigma_mm, sigma_cal_mm
@@ -83,10 +88,10 @@ def read_ply(data: bytes | bytearray) -> PointCloud:
     return cloud.select(cloud.finite)
 
 
-def _vertices(data: bytes | bytearray) -> npt.NDArray[Any]:
+def _vertices(data: bytes | memoryview) -> npt.NDArray[Any]:
     from plyfile import PlyData
 
-    if not data.startswith(b"ply"):
+    if bytes(data[:3]) != b"ply":
         raise FileError("this is not a PLY file: its first line is not `ply`")
     try:
         found: Any = PlyData.read(io.BytesIO(data))

@@ -47,7 +47,7 @@ def test_ply_round_trip(rows, normals):
 
 
 def test_the_header_is_what_formats_promises():
-    header = ply(some_cloud(normals=True)).split(b"end_header\n")[0].decode().splitlines()
+    header = bytes(ply(some_cloud(normals=True))).split(b"end_header\n")[0].decode().splitlines()
     assert header[:2] == ["ply", "format binary_little_endian 1.0"]
     properties = [line.split()[1:] for line in header if line.startswith("property")]
     names = ["x", "y", "z", "nx", "ny", "nz", "red", "green", "blue", "sigma_mm", "sigma_cal_mm", "residual_px"]

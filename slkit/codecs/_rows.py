@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import os
-import threading
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor, wait
-from functools import cache
 from typing import TypeVar
 
 import numpy as np
+
+from slkit.device import side_by_side, threads
 
 # So many pixels stay in a processor's cache with what is worked out for them.
 _BLOCK_PX = 65_536
@@ -51,32 +49,7 @@ def over_large_blocks(scratch: Callable[[int], S], work: Callable[[slice, S], No
 
 
 def over_rows(work: Callable[[int, int], None], height: int, multiple: int = 1) -> None:
-    """Call work(first, last) for parts of the rows of a picture, side by side; parts begin at whole multiples.
-
-    Plain threads, because numba's own do not survive a fork, and a pool of processes may call this.
-    """
-    from numba.core import config
-
-    threads = int(getattr(config, "NUMBA_NUM_THREADS"))  # noqa: B009 - numba sets it where no checker sees it
+    """Call work(first, last) for parts of the rows of a picture, side by side; parts begin at whole multiples."""
     pieces = -(-height // multiple)
-    count = 1 if getattr(_thread, "helps", False) else min(threads, pieces)
-    if count <= 1:
-        work(0, height)
-        return
-    cuts = np.minimum(np.linspace(0, pieces, count + 1).astype(int) * multiple, height).tolist()
-    parts = [_helpers(os.getpid(), threads).submit(work, *ends) for ends in zip(cuts[:-2], cuts[1:-1], strict=True)]
-    try:
-        work(*cuts[-2:])
-    finally:
-        wait(parts)
-    for part in parts:
-        part.result()
-
-
-_thread = threading.local()
-
-
-@cache
-def _helpers(process: int, threads: int) -> ThreadPoolExecutor:
-    """Return threads that help the one that asks, in the process of this number: a fork has none of its parent's."""
-    return ThreadPoolExecutor(threads - 1, initializer=lambda: setattr(_thread, "helps", True))
+    cuts = np.linspace(0, pieces, max(min(threads(), pieces), 1) + 1).astype(int) * multiple
+    side_by_side(work, np.minimum(cuts, height).tolist())

@@ -9,7 +9,7 @@ from pathlib import Path
 from slkit.errors import FileError
 
 
-def write_bytes(path: str | Path, data: bytes | bytearray) -> None:
+def write_bytes(path: str | Path, data: bytes | memoryview) -> None:
     """Write a file so that a process killed at any moment leaves it whole or as it was before.
 
     A temporary file beside the target is flushed to the disk and renamed; missing folders are made.

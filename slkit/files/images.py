@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import struct
 import zlib
@@ -17,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from slkit.data import Frames, Image, describe_image
+from slkit.device import threads
 from slkit.errors import FileError, InputError
 from slkit.files.atomic import make_folder, write_bytes
 from slkit.files.stacks import STACK_ENDINGS, read_only_picture
@@ -117,8 +117,7 @@ def reading_ahead(frames: Frames) -> Generator[Frames]:
     come when the frame is asked for, as from `frames` itself.
     """
     # Where compiled loops are held to fewer threads, other processes have the rest of the cores.
-    cores = int(os.environ.get("NUMBA_NUM_THREADS") or os.cpu_count() or 1)
-    workers = 1 if frames.in_turn else min(cores, _MOST_READERS)
+    workers = 1 if frames.in_turn else min(threads(), _MOST_READERS)
     waiting: dict[int, Future[Image]] = {}
     given: set[int] = set()
     with ThreadPoolExecutor(workers) as pool:

@@ -70,12 +70,13 @@ class Place:
         with _told(self.url, "read"):
             return cast("bytes", self.system.cat_file(self.path))
 
-    def write(self, data: bytes | bytearray) -> None:
+    def write(self, data: bytes | memoryview) -> None:
         """Write a file that appears whole or not at all. Errors: FileError where it cannot be written."""
         if self.local is not None:
             write_bytes(self.local, data)
             return
         with _told(self.url, "written"):
+            data = bytes(data)
             if _OBJECT_STORES & set(_protocols(self.system)):
                 self.system.pipe_file(self.path, data)
                 return

@@ -6,12 +6,12 @@ Plain threads, because numba's own thread pool does not survive a fork, and a po
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import numpy.typing as npt
 
 from slkit.data import Correspondences, PointCloud
+from slkit.device import side_by_side, threads
 from slkit.geometry import Pinhole, Pose, Rig
 from slkit.triangulation.uncertainty import rig_covariance
 
@@ -80,16 +80,7 @@ def _both(decoding: Singles, calibration: Singles) -> Singles:
 
 def in_parts(work: Callable[[int, int], None], rows: int, smallest: int = _SMALLEST_SLICE) -> None:
     """Call work(first, last) for parts of so many rows, none much below the smallest, on all cores."""
-    from numba.core import config
-
-    threads = int(getattr(config, "NUMBA_NUM_THREADS"))  # noqa: B009 - numba sets it where no checker sees it
-    cuts = np.linspace(0, rows, min(threads, rows // smallest + 1) + 1).astype(int).tolist()
-    parts = list(zip(cuts[:-1], cuts[1:], strict=True))
-    if len(parts) == 1:
-        work(*parts[0])
-        return
-    with ThreadPoolExecutor(len(parts)) as pool:
-        list(pool.map(work, *zip(*parts, strict=True)))
+    side_by_side(work, np.linspace(0, rows, min(threads(), rows // smallest + 1) + 1).astype(int).tolist())
 
 
 def _lens(device: Pinhole) -> Doubles:
