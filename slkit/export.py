@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -13,11 +14,13 @@ from slkit.device import side_by_side, threads
 from slkit.errors import FileError
 
 _GREY = 0.7
-_AT_ONCE = 1 << 14  # rows that stay in the cache while their columns are filled
+_COLORS = "red", "green", "blue"
+# Rows that are written at a time, and those that stay in the cache while their columns are filled.
+_PART, _AT_ONCE = 1 << 17, 1 << 14
 
 
-def ply(cloud: PointCloud) -> memoryview:
-    """Return a binary little-endian PLY: x y z in mm, colours, both sigmas and the residual.
+def ply(cloud: PointCloud) -> Iterator[bytes | memoryview]:
+    """Give, part by part, a binary little-endian PLY: x y z in mm, colours, both sigmas and the residual.
 
     float x y z, uchar red green blue, float sigma_mm sigma_cal_mm residual_px. A cloud with normals adds float
     nx ny nz. Points that are NaN are left out; a sigma or residual may be NaN.
@@ -28,27 +31,33 @@ def ply(cloud: PointCloud) -> memoryview:
     columns: dict[str, npt.NDArray[Any]] = dict(zip("xyz", cloud.xyz.T, strict=True))
     if cloud.normals is not None:
         columns |= dict(zip(("nx", "ny", "nz"), cloud.normals.T, strict=True))
-    columns |= dict(zip(("red", "green", "blue"), cloud.color.T, strict=True))
+    columns |= dict(zip(_COLORS, cloud.color.T, strict=True))
     columns |= {n: getattr(cloud, n) for n in ("sigma_mm", "sigma_cal_mm", "residual_px")}
-    kinds = [(name, "u1" if name in ("red", "green", "blue") else "<f4") for name in columns]
+    kinds = [(name, "u1" if name in _COLORS else "<f4") for name in columns]
     vertex = PlyElement.describe(np.empty(0, dtype=kinds), "vertex")
     comments = ["units millimetres", "frame camera: x right, y down, z forward"]
     head = PlyData([vertex], text=False, byte_order="<", comments=comments).header
-    head = head.replace("element vertex 0", f"element vertex {len(cloud)}")
-    start = f"{head}\n".encode("ascii")
-    # Filled in place, so that a large cloud is copied once; not a bytearray, which is first filled with zeros.
-    data = np.empty(len(start) + len(cloud) * np.dtype(kinds).itemsize, np.uint8)
-    data[: len(start)] = np.frombuffer(start, np.uint8)
-    rows = data[len(start) :].view(kinds)
+    yield head.replace("element vertex 0", f"element vertex {len(cloud)}").encode("ascii") + b"\n"
+    # A part at a time: memory for all of a large cloud costs more time than its bytes.
+    for start in range(0, len(cloud), _PART):
+        yield _rows(columns, kinds, start, min(start + _PART, len(cloud))).view(np.uint8).data
+
+
+def _rows(
+    columns: Mapping[str, npt.NDArray[Any]], kinds: list[tuple[str, str]], start: int, stop: int
+) -> npt.NDArray[Any]:
+    """Return rows of columns as one record each."""
+    rows = np.empty(stop - start, dtype=kinds)
 
     def fill(first: int, last: int) -> None:
         for row in range(first, last, _AT_ONCE):
-            part = slice(row, min(row + _AT_ONCE, last))
+            to = slice(row, min(row + _AT_ONCE, last))
+            given = slice(start + to.start, start + to.stop)
             for (name, values), (_, kind) in zip(columns.items(), kinds, strict=True):
-                rows[name][part] = _bytes(values[part]) if kind == "u1" else values[part]
+                rows[name][to] = _bytes(values[given]) if kind == "u1" else values[given]
 
     side_by_side(fill, np.linspace(0, len(rows), threads() + 1).astype(int).tolist())
-    return data.data
+    return rows
 
 
 def xyz(cloud: PointCloud) -> bytes:
@@ -59,7 +68,7 @@ def xyz(cloud: PointCloud) -> bytes:
     return file.getvalue()
 
 
-def read_ply(data: bytes | memoryview) -> PointCloud:
+def read_ply(data: bytes) -> PointCloud:
     """Return the cloud of a PLY file, one of slkit's or a stranger's, text or binary.
 
     It needs x y z; where there is no red green blue the points are grey, where there is no sigma_mm, sigma_cal_mm
@@ -88,10 +97,10 @@ def read_ply(data: bytes | memoryview) -> PointCloud:
     return cloud.select(cloud.finite)
 
 
-def _vertices(data: bytes | memoryview) -> npt.NDArray[Any]:
+def _vertices(data: bytes) -> npt.NDArray[Any]:
     from plyfile import PlyData
 
-    if bytes(data[:3]) != b"ply":
+    if not data.startswith(b"ply"):
         raise FileError("this is not a PLY file: its first line is not `ply`")
     try:
         found: Any = PlyData.read(io.BytesIO(data))

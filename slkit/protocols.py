@@ -6,7 +6,7 @@ dataclasses: their fields are their parameters, and the data come as arguments.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -81,8 +81,8 @@ class Triangulator(Protocol):
 class Exporter(Protocol):
     """A function from a cloud to a file's bytes; registered as `slkit.exporters` under the file's ending."""
 
-    def __call__(self, cloud: PointCloud) -> bytes | memoryview:
-        """Return the whole content of the file."""
+    def __call__(self, cloud: PointCloud) -> bytes | Iterator[bytes | memoryview]:
+        """Return the whole content of the file, or give it part by part."""
         ...
 
 

@@ -33,11 +33,15 @@ def some_cloud(rows: int = 50, normals: bool = False) -> PointCloud:
     )
 
 
+def written(cloud: PointCloud) -> bytes:
+    return b"".join(ply(cloud))
+
+
 @pytest.mark.parametrize("normals", [False, True])
 @pytest.mark.parametrize("rows", [0, 1, 50])
 def test_ply_round_trip(rows, normals):
     cloud = some_cloud(rows, normals)
-    back = read_ply(ply(cloud))
+    back = read_ply(written(cloud))
     for name in ("xyz", "color", "sigma_mm", "sigma_cal_mm", "residual_px"):
         np.testing.assert_array_equal(getattr(back, name), getattr(cloud, name))
     assert np.isnan(back.camera_xy).all()
@@ -47,7 +51,7 @@ def test_ply_round_trip(rows, normals):
 
 
 def test_the_header_is_what_formats_promises():
-    header = bytes(ply(some_cloud(normals=True))).split(b"end_header\n")[0].decode().splitlines()
+    header = written(some_cloud(normals=True)).split(b"end_header\n")[0].decode().splitlines()
     assert header[:2] == ["ply", "format binary_little_endian 1.0"]
     properties = [line.split()[1:] for line in header if line.startswith("property")]
     names = ["x", "y", "z", "nx", "ny", "nz", "red", "green", "blue", "sigma_mm", "sigma_cal_mm", "residual_px"]
@@ -56,7 +60,7 @@ def test_the_header_is_what_formats_promises():
 
 def test_open3d_and_trimesh_read_it(tmp_path):
     cloud, path = some_cloud(), tmp_path / "cloud.ply"
-    path.write_bytes(ply(cloud))
+    path.write_bytes(written(cloud))
     read = _open3d.load().t.io.read_point_cloud(str(path))
     np.testing.assert_array_equal(read.point.positions.numpy(), cloud.xyz)
     np.testing.assert_array_equal(read.point["sigma_mm"].numpy().ravel(), cloud.sigma_mm)
@@ -76,7 +80,7 @@ def test_points_that_are_nan_are_left_out():
         cloud.residual_px,
         cloud.camera_xy,
     )
-    back = read_ply(ply(holes))
+    back = read_ply(written(holes))
     np.testing.assert_array_equal(back.xyz, cloud.xyz[3:])
     assert np.isfinite(back.color).all()
     assert xyz(holes).count(b"\n") == 7
@@ -135,8 +139,8 @@ def test_what_open3d_writes_is_read(tmp_path):
             b"ply\nformat binary_little_endian 1.0\nelement vertex 99999999999999999\nproperty float x\nend_header\n",
             "damaged",
         ),
-        (ply(some_cloud(50))[:-1], "damaged"),
-        (ply(some_cloud(50))[:120], "damaged"),
+        (written(some_cloud(50))[:-1], "damaged"),
+        (written(some_cloud(50))[:120], "damaged"),
         (b"ply\nformat ascii 1.0\nelement face 0\nproperty list uchar int vertex_indices\nend_header\n", "no vertices"),
         (ascii_ply("float x, float y", "1 2\n", 1), "x, y and z"),
         (ascii_ply("list uchar float x, float y, float z", "1 1 2 3\n", 1), "x, y and z"),
@@ -150,7 +154,7 @@ def test_damaged_files_are_told(data, message):
 @settings(max_examples=150, deadline=None)
 @given(st.data())
 def test_no_damage_escapes_as_another_error(data):
-    good = bytearray(ply(some_cloud(5, normals=True)))
+    good = bytearray(written(some_cloud(5, normals=True)))
     for _ in range(data.draw(st.integers(1, 4))):
         good[data.draw(st.integers(0, len(good) - 1))] = data.draw(st.integers(0, 255))
     try:
@@ -164,3 +168,13 @@ def test_importing_is_light():
     code = "import sys, slkit.export; sys.exit(', '.join({'plyfile', 'open3d', 'trimesh'} & set(sys.modules)) or None)"
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert result.returncode == 0, result.stderr
+
+
+def test_a_large_cloud_comes_in_parts():
+    cloud = some_cloud(300_000)
+    parts = list(ply(cloud))
+    assert len(parts) == 4
+    back = read_ply(b"".join(parts))
+    np.testing.assert_array_equal(back.xyz, cloud.xyz)
+    np.testing.assert_array_equal(back.residual_px, cloud.residual_px)
+    np.testing.assert_allclose(back.color, cloud.color, atol=1e-6)

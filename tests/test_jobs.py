@@ -57,7 +57,7 @@ def scan(root: Path, recipe: jobs.Recipe, resume: bool = True, **options) -> job
 
 def expected(folder: Path, recipe: jobs.Recipe) -> bytes:
     """The cloud that a single scan writes."""
-    return pipeline.exporter("x.ply")(pipeline.scan(folder, recipe.rig).cloud)
+    return b"".join(pipeline.exporter("x.ply")(pipeline.scan(folder, recipe.rig).cloud))
 
 
 def test_clouds_and_manifest(root: Path, recipe: jobs.Recipe):

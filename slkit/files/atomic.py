@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import os
 import secrets
+from collections.abc import Iterator
 from pathlib import Path
 
 from slkit.errors import FileError
 
 
-def write_bytes(path: str | Path, data: bytes | memoryview) -> None:
-    """Write a file so that a process killed at any moment leaves it whole or as it was before.
+def write_bytes(path: str | Path, data: bytes | Iterator[bytes | memoryview]) -> None:
+    """Write a file, given whole or part by part, so that a process killed at any moment leaves it whole or as before.
 
     A temporary file beside the target is flushed to the disk and renamed; missing folders are made.
     Errors: FileError where the file cannot be written; the temporary file is then removed.
@@ -22,7 +23,7 @@ def write_bytes(path: str | Path, data: bytes | memoryview) -> None:
     try:
         try:
             with open(temporary, "xb") as file:
-                file.write(data)
+                file.writelines([data] if isinstance(data, bytes) else data)
                 file.flush()
                 os.fsync(file.fileno())
             os.replace(temporary, path)

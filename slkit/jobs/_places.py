@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import secrets
 import tempfile
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -70,13 +70,13 @@ class Place:
         with _told(self.url, "read"):
             return cast("bytes", self.system.cat_file(self.path))
 
-    def write(self, data: bytes | memoryview) -> None:
+    def write(self, data: bytes | Iterator[bytes | memoryview]) -> None:
         """Write a file that appears whole or not at all. Errors: FileError where it cannot be written."""
         if self.local is not None:
             write_bytes(self.local, data)
             return
         with _told(self.url, "written"):
-            data = bytes(data)
+            data = data if isinstance(data, bytes) else b"".join(data)
             if _OBJECT_STORES & set(_protocols(self.system)):
                 self.system.pipe_file(self.path, data)
                 return

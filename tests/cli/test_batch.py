@@ -81,7 +81,7 @@ def test_options_reach_the_scans(slkit, command: tuple[object, ...], tmp_path: P
         pipeline.make_filters(["isolated"]),
         normals=True,
     ).cloud
-    assert (tmp_path / "clouds" / "a.ply").read_bytes() == pipeline.exporter("a.ply")(cloud)
+    assert (tmp_path / "clouds" / "a.ply").read_bytes() == b"".join(pipeline.exporter("a.ply")(cloud))
     assert slkit(*good, *options, "--resume", "--json").json["unchanged"] == 2
     assert slkit(*good, *options[:-1], "--resume", "--json").json["scanned"] == 2
 
@@ -178,4 +178,4 @@ def test_interrupt_and_killed_parent(
     assert {f.name for f in (tmp_path / "clouds").iterdir()} == {*(f"{n}.ply" for n in names), "batch.jsonl"}
     for name in names[:10]:
         cloud = pipeline.scan(tmp_path / "captures" / name, tiny_rig).cloud
-        assert (tmp_path / "clouds" / f"{name}.ply").read_bytes() == pipeline.exporter("x.ply")(cloud)
+        assert (tmp_path / "clouds" / f"{name}.ply").read_bytes() == b"".join(pipeline.exporter("x.ply")(cloud))
