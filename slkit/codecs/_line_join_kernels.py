@@ -52,6 +52,7 @@ def join_rows(
         most = max(most, np.sum(ends[:, row + 1] - ends[:, row]))
     order, buckets, fits = np.empty(most, np.int64), np.empty(width + 1, np.int64), np.empty(most + 1, np.bool_)
     place, value, spread, sure, rate = np.empty(most), np.empty(most), np.empty(most), np.empty(most), np.empty(most)
+    rise, around, aside = np.empty(width, np.float32), np.empty(width, np.float32), np.empty(width, np.float32)
     end = 0
     for row in range(height):
         count = _sort(lines, ends, row, len(lines) // len(ends), buckets, place, order)
@@ -59,7 +60,8 @@ def join_rows(
             line = order[i]
             value[i], spread[i] = lines[line, VALUE], lines[line, SIGMA]
             sure[i] = lines[line, CONTRAST] / lines[line, NOISE]
-        _recenter(slope[row], light[row], light[row + 1], light[row + 2], period, flattest, count, place, spread, rate)
+        _brighten(light[row], light[row + 1], light[row + 2], rise, around, aside)
+        _recenter(slope[row], rise, around, period, flattest, count, place, spread, rate)
         _fit(place, value, rate, count, period / 2, fits)
         kept = _keep(fits, count, place, value, spread, sure, rate)
         if kept < count:
@@ -119,11 +121,29 @@ def _sort(lines: Doubles, ends: Wholes, row: int, apart: int, buckets: Longs, pl
 
 
 @_compiled
+def _brighten(above: Singles, here: Singles, below: Singles, rise: Singles, around: Singles, most: Singles) -> None:
+    """Write how brightness rises along a row (w,), and the most that it does at a pixel and those around.
+
+    above, here, below (w,): logarithm of white less black, of the row and those beside it; most (w,): memory. What is
+    within two px of the picture's border is left open.
+    """
+    inner, half = len(here) - 2, np.float32(0.5)
+    rise, up, down = rise[1:], above[2:], above[:-2]
+    right, left, deeper, flatter = here[2:], here[:-2], below[2:], below[:-2]
+    for i in range(inner):
+        rise[i] = (right[i] - left[i]) * half
+    for i in range(inner):
+        most[i] = max(max(abs(up[i] - down[i]), abs(deeper[i] - flatter[i])) * half, abs(rise[i]))
+    before, at, after, around = most[:-2], most[1:], most[2:], around[2:]
+    for i in range(inner - 2):
+        around[i] = max(max(before[i], at[i]), after[i])
+
+
+@_compiled
 def _recenter(
     slope: Singles,
-    above: Singles,
-    here: Singles,
-    below: Singles,
+    rise: Singles,
+    around: Singles,
     period: float,
     flattest: float,
     count: int,
@@ -133,27 +153,17 @@ def _recenter(
 ) -> None:
     """Move lines of a row to where they would be on a scene of even brightness, widen their sigma, write the slope.
 
-    slope (w,): of the row; above, here, below (w,): logarithm of white less black, of the row and those beside it;
-    place, spread: of lines, in px. See `View.centered`.
+    slope (w,): of the row; rise, around (w,): as `_brighten`; place, spread: of lines, in px. See `View.centered`.
     """
+    crowded = COMFORTABLE_SPACING / period
     for i in range(count):
         left = int(place[i])
-        part = place[i] - left
-        # Twice the gradients at the px to the left and to the right, and the largest around each.
-        before, after = here[left + 1] - here[left - 1], here[left + 2] - here[left]
-        first, second = abs(here[left] - here[left - 2]), abs(before)
-        third, fourth = abs(after), abs(here[left + 3] - here[left + 1])
-        for near in (above, below):
-            first = max(first, abs(near[left] - near[left - 2]))
-            second = max(second, abs(near[left + 1] - near[left - 1]))
-            third = max(third, abs(near[left + 2] - near[left]))
-            fourth = max(fourth, abs(near[left + 3] - near[left + 1]))
-        most, following = max(first, max(second, third)), max(second, max(third, fourth))
-        doubt = VARIANCE_DOUBT * min((most + part * (following - most)) / 2, STEEPEST)
-        brighter = min(max((before + part * (after - before)) / 2, -STEEPEST), STEEPEST)
-        crowding = max(COMFORTABLE_SPACING / period * max(abs(slope[int(np.rint(place[i]))]), flattest), 1.0)
+        part = np.float32(place[i] - left)
+        brighter = rise[left] + part * (rise[left + 1] - rise[left])
+        doubt = VARIANCE_DOUBT * min(around[left] + part * (around[left + 1] - around[left]), STEEPEST)
+        crowding = max(crowded * max(abs(slope[int(np.rint(place[i]))]), flattest), 1.0)
         sampling = SAMPLING * crowding * crowding * crowding
-        place[i] += VARIANCE * brighter
+        place[i] += VARIANCE * min(max(brighter, -STEEPEST), STEEPEST)
         spread[i] = np.sqrt(spread[i] * spread[i] + doubt * doubt + sampling * sampling)
         rate[i] = slope[int(np.rint(place[i]))]
 
