@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from slkit.codecs._center_kernels import AT, LANES, center_lanes, fill_lanes
 from slkit.codecs._center_kernels import SIGMA as SPREAD
+from slkit.codecs._slope_kernels import to_share
 
 if TYPE_CHECKING:
     from slkit.codecs._line_scales import LineRule, Room, Scales
@@ -60,26 +61,6 @@ def line_rows(
         told = mask[row : row + 1], known[row : row + 1], value[row : row + 1], slope[row : row + 1]
         where, aside = (kernels[row : row + 1], runs, starts[row : row + 2]), (room, lines, ends[row : row + 2])
         find_rows(room.share, room.variance, *told, *where, scales, rule, *aside)
-
-
-@_compiled
-def to_share(
-    picture: Levels, high: Levels, low: Levels, mask: Mask, noise: Singles, share: Singles, variance: Singles
-) -> None:
-    """Write a row (w,) as a share of white less black, 0 outside of mask, and the variance of that share.
-
-    high, low (w,): white and black; noise (3,): variance in dark, its gain a level, the dark level.
-    """
-    least, gain, dark, nothing = noise[0], noise[1], noise[2], np.float32(0)
-    for col in range(len(picture)):
-        a, b, c = np.float32(picture[col]), np.float32(high[col]), np.float32(low[col])
-        span = max(b - c, np.float32(1))
-        part = (a - c) / span if mask[col] else nothing
-        own = least + gain * max(a - dark, nothing)
-        of_white, of_black = least + gain * max(b - dark, nothing), least + gain * max(c - dark, nothing)
-        rest = np.float32(1) - part
-        share[col] = part
-        variance[col] = (own + rest * rest * of_black + part * part * of_white) / (span * span)
 
 
 @_compiled

@@ -11,9 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from slkit.codecs._gray_code import Mask
-from slkit.codecs._masks import Levels, Reader, Tiles, levels, refuse_empty, saturation, without_rim
+from slkit.codecs._masks import Levels, Reader, levels, refuse_empty, saturation, without_rim
 from slkit.codecs._noise import Evidence, NoiseCurve, noise_curve
 from slkit.codecs._rows import over_blocks, over_large_blocks
+from slkit.codecs._tiles import Tiles
 from slkit.data import Float32s, Image
 
 Four = tuple[Levels, Levels, Levels, Levels, Float32s, Levels, bool, bool]

@@ -150,6 +150,26 @@ def _choose(slope: Singles, scales: Scales, kernels: Bytes) -> None:
 
 
 @_compiled
+def to_share(
+    picture: Levels, high: Levels, low: Levels, mask: Mask, noise: Singles, share: Singles, variance: Singles
+) -> None:
+    """Write a row (w,) as a share of white less black, 0 outside of mask, and the variance of that share.
+
+    high, low (w,): white and black; noise (3,): variance in dark, its gain a level, the dark level.
+    """
+    least, gain, dark, nothing = noise[0], noise[1], noise[2], np.float32(0)
+    for col in range(len(picture)):
+        a, b, c = np.float32(picture[col]), np.float32(high[col]), np.float32(low[col])
+        span = max(b - c, np.float32(1))
+        part = (a - c) / span if mask[col] else nothing
+        own = least + gain * max(a - dark, nothing)
+        of_white, of_black = least + gain * max(b - dark, nothing), least + gain * max(c - dark, nothing)
+        rest = np.float32(1) - part
+        share[col] = part
+        variance[col] = (own + rest * rest * of_black + part * part * of_white) / (span * span)
+
+
+@_compiled
 def log_rows(high: Levels, low: Levels, first: int, logs: Singles) -> None:
     """Write the logarithm of white less black (h, w), never below one level, of rows first on (r, w).
 

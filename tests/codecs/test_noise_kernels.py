@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from slkit.codecs._masks import Tiles, sampled, without_rim
+from slkit.codecs._masks import without_rim
 from slkit.codecs._noise import Evidence, noise_curve
+from slkit.codecs._tiles import Tiles, sampled
 
 
 def by_numpy(evidence: list[Evidence]) -> tuple[float, float, float]:
