@@ -63,23 +63,25 @@ def threads() -> int:
 
 
 def side_by_side(work: Callable[[int, int], None], cuts: Sequence[int]) -> None:
-    """Call work(first, last) for each two neighbours of `cuts`, all at the same time if it lets go of Python's lock.
+    """Call work(first, last) for each two neighbours of `cuts`, several at a time if it lets go of Python's lock.
 
-    Plain threads, because numba's own do not survive a fork, and a pool of processes may call this.
+    Whoever is free takes the next. Plain threads, because numba's own do not survive a fork, and a pool of processes
+    may call this.
     """
-    *others, (first, last) = zip(cuts[:-1], cuts[1:], strict=True)
-    if not others or getattr(_thread, "helps", False):
-        for ends in others:
+    parts = iter(list(zip(cuts[:-1], cuts[1:], strict=True)))
+
+    def take_turns() -> None:
+        for ends in parts:
             work(*ends)
-        work(first, last)
-        return
-    parts = [_helpers(os.getpid(), threads()).submit(work, *ends) for ends in others]
+
+    helpers = 0 if getattr(_thread, "helps", False) else min(threads(), len(cuts) - 1) - 1
+    others = [_helpers(os.getpid(), threads()).submit(take_turns) for _ in range(helpers)]
     try:
-        work(first, last)
+        take_turns()
     finally:
-        wait(parts)
-    for part in parts:
-        part.result()
+        wait(others)
+    for other in others:
+        other.result()
 
 
 @cache

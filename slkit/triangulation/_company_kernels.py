@@ -55,6 +55,22 @@ def count_cells(cell: Wholes, out: Wholes) -> None:
 
 
 @_compiled
+def places_of(counts: Wholes, starts: Wholes) -> None:
+    """Write where each cell begins (c + 1,), and in place of counts (parts, c) where each part's points of it begin.
+
+    Each part continues where the one before leaves off in every cell.
+    """
+    at = 0
+    for cell in range(counts.shape[1]):
+        starts[cell] = at
+        for part in range(len(counts)):
+            count = counts[part, cell]
+            counts[part, cell] = at
+            at += count
+    starts[counts.shape[1]] = at
+
+
+@_compiled
 def sort_by_cell(xyz: Singles, cell: Wholes, first: int, place: Wholes, order: Wholes, out: Singles) -> None:
     """Write the points from `first` on and their numbers to the next free place (c,) of their cells."""
     for i in range(first, first + len(cell)):

@@ -78,9 +78,12 @@ def _both(decoding: Singles, calibration: Singles) -> Singles:
     return np.where(np.isnan(calibration), decoding, np.hypot(decoding, calibration))
 
 
-def in_parts(work: Callable[[int, int], None], rows: int, smallest: int = _SMALLEST_SLICE) -> None:
-    """Call work(first, last) for parts of so many rows, none much below the smallest, on all cores."""
-    side_by_side(work, np.linspace(0, rows, min(threads(), rows // smallest + 1) + 1).astype(int).tolist())
+def in_parts(work: Callable[[int, int], None], rows: int, smallest: int = _SMALLEST_SLICE, turns: int = 1) -> None:
+    """Call work(first, last) for parts of so many rows, none much below the smallest, on all cores.
+
+    turns: parts for each core; several where some take longer than others.
+    """
+    side_by_side(work, np.linspace(0, rows, min(turns * threads(), rows // smallest + 1) + 1).astype(int).tolist())
 
 
 def _lens(device: Pinhole) -> Doubles:

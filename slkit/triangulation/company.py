@@ -20,6 +20,7 @@ _SAMPLE, _LEAST, _MOST = 20_000, 0.001, 0.98
 # As a part of that least: what is counted there shall be rare.
 _BELOW = 0.9
 _WIDEST = 0.1  # of z
+_TURNS = 8
 
 
 def in_company(xyz: Singles, isolated_factor: float, remote_factor: float) -> Mask:
@@ -77,7 +78,7 @@ class _Grid:
 
         told = self.xyz, self.starts, self.columns, self.step
         reach, neighbors = np.empty(len(which), np.float32), np.empty((len(which), NEIGHBORS), np.int32)
-        in_parts(lambda a, b: reaches(*told, which[a:b], reach[a:b], neighbors[a:b]), len(which))
+        in_parts(lambda a, b: reaches(*told, which[a:b], reach[a:b], neighbors[a:b]), len(which), turns=_TURNS)
         return reach, neighbors
 
     def angles(self, which: Wholes, reach: Singles) -> Singles:
@@ -107,7 +108,7 @@ def _counted(xyz: Singles, narrow: float, wide: float, factor: float) -> tuple[M
         for row in range(first, last):
             crowd(grid.xyz, grid.starts, grid.columns, wide, narrow, row, near, dense)
 
-    in_parts(count, grid.rows, 16)
+    in_parts(count, grid.rows, 16, _TURNS)
     for row in range(grid.rows):
         clear_of(grid.starts, grid.columns, row, dense, clear)
     near &= clear
@@ -134,7 +135,7 @@ def _compared(grid: _Grid, which: Wholes, reach: Singles, neighbors: Wholes, fac
 
 def _sorted(xyz: Singles, points: float, step: float = np.inf) -> _Grid:
     """Return the points by cell, which holds so many on average, or fewer where its step would be larger than given."""
-    from slkit.triangulation._company_kernels import cells_of, count_cells, extent_of, sort_by_cell
+    from slkit.triangulation._company_kernels import cells_of, count_cells, extent_of, places_of, sort_by_cell
 
     corners = np.empty(4, np.float32)
     extent_of(xyz, corners)
@@ -155,9 +156,8 @@ def _sorted(xyz: Singles, points: float, step: float = np.inf) -> _Grid:
         count_cells(cell[a:b], counts[a])
 
     in_parts(count, len(xyz))
-    every = np.stack([counts[a] for a in sorted(counts)])
-    starts = np.concatenate([[0], np.cumsum(every.sum(axis=0))]).astype(np.int32)
-    # Each part continues where the one before leaves off in every cell.
-    places = dict(zip(sorted(counts), starts[:-1] + np.cumsum(every, axis=0, dtype=np.int32) - every, strict=True))
+    starts, every = np.empty(rows * columns + 1, np.int32), np.stack([counts[a] for a in sorted(counts)])
+    places_of(every, starts)
+    places = dict(zip(sorted(counts), every, strict=True))
     in_parts(lambda a, b: sort_by_cell(xyz, cell[a:b], a, places[a], order, placed), len(xyz))
     return _Grid(order, placed, starts, columns, size / longest)
