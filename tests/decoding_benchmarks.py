@@ -63,7 +63,8 @@ def copying(count: int) -> float:
 def bytes_of(frames: Frames, found: Correspondences) -> int:
     """Return how many bytes decoding reads and writes."""
     written = (found.camera_xy, found.projector_xy, found.sigma, found.confidence, found.color)
-    return sum(f.nbytes for f in frames) + sum(a.nbytes for a in written)
+    # Grey is stored once, and shown as three channels.
+    return sum(f.nbytes for f in frames) + sum(a.nbytes // (1 if a.strides[-1] else a.shape[-1]) for a in written)
 
 
 def decoding(rig: Rig) -> Iterator[Row]:

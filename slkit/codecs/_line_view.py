@@ -89,6 +89,8 @@ class View:
         A pixel sees a patch of the scene whose centre of light lies towards the brighter side, so that lines appear
         to lie towards the darker one; white - black is seen through the same patch, and dividing by it does not help.
         """
+        if not len(peaks):
+            return peaks  # a picture may be too small to have a gradient
         gradient = np.gradient(np.log(self.light.span), axis=1).astype(np.float32)
         brighter = np.clip(sample_row(gradient, peaks.row, peaks.col), -STEEPEST, STEEPEST)
         spacing = period / np.maximum(np.abs(self.slope[peaks.row, peaks.nearest]), FLATTEST)

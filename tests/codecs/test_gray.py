@@ -291,3 +291,14 @@ def test_compiled_loops_read_the_same_cells_as_numpy(seed: int, inverse: bool, k
     same = (compiled.lo == plain.lo) & (compiled.hi == plain.hi)
     assert same.mean() > 0.995
     np.testing.assert_allclose(compiled.margin[same], plain.margin[same], rtol=1e-4)
+
+
+@pytest.mark.parametrize("size", [(1, 30), (30, 1), (1, 1)])
+def test_borders_in_a_picture_of_one_column_or_row(size: tuple[int, int], dimmed: Any) -> None:
+    codec = Gray((64, 64), subpixel=True)
+    patterns = dimmed(codec.encode())
+    frames = Frames.of([p[: size[1], : size[0]].copy() for p in patterns], patterns.names)
+    found = codec.decode(frames)
+    # Columns are told apart along a row only.
+    assert (len(found) > 0) == (size[0] > 1)
+    assert np.isfinite(found.camera_xy).all()
