@@ -100,7 +100,9 @@ def test_compare(tmp_path: Path, scaled: Callable[[Rig, float], Rig], capsys: py
 
 def test_batch(tmp_path: Path, scaled: Callable[[Rig, float], Rig], capsys: pytest.CaptureFixture[str]):
     load("07_batch").main(tmp_path, scaled(paper_rig(), 0.25))
-    first, why, second = capsys.readouterr().out.splitlines()
+    told = capsys.readouterr().out
+    assert told.count("\n") == 3, told
+    first, why, second = told.splitlines()
     assert first.startswith("5 captures: 4 scanned, 0 unchanged, 1 failed, ")
     assert why.startswith("  sphere: ") and "missing 005_" in why
     assert second.startswith("5 captures: 1 scanned, 4 unchanged, 0 failed, ")

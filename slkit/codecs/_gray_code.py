@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from slkit.data import Float32s, Frames
+from slkit.data import Frames
 from slkit.errors import InputError
 
 Axis = Literal["x", "y"]
@@ -70,10 +70,6 @@ class CellCode:
             if self.inverse:
                 result[f"{self.axis}_bit{bit}_inverse"] = profile_of(~lit, self.axis)
         return result
-
-    def center(self, cell: npt.NDArray[Any]) -> Float32s:
-        """Return the projector position in px of the middle of a cell (...), whole or fractional."""
-        return (cell * self.step + (self.step - 1) / 2).astype(np.float32)
 
 
 def profile_of(lit: Mask, axis: Axis) -> Profile:
