@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import threading
+from collections import deque
 from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
@@ -71,16 +72,23 @@ def side_by_side(work: Callable[[int, int], None], cuts: Sequence[int]) -> None:
     parts = iter(list(zip(cuts[:-1], cuts[1:], strict=True)))
 
     def take_turns() -> None:
-        for ends in parts:
-            work(*ends)
+        try:
+            for ends in parts:
+                work(*ends)
+        except BaseException:
+            # Nobody begins another part of what has failed or was interrupted.
+            deque(parts, 0)
+            raise
 
     helpers = 0 if getattr(_thread, "helps", False) else min(threads(), len(cuts) - 1) - 1
     others = [_helpers(os.getpid(), threads()).submit(take_turns) for _ in range(helpers)]
     try:
         take_turns()
     finally:
-        wait(others)
-    for other in others:
+        # Who has not begun yet helps another caller meanwhile, and there is nothing left to do.
+        begun = [other for other in others if not other.cancel()]
+        wait(begun)
+    for other in begun:
         other.result()
 
 

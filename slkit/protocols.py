@@ -81,7 +81,7 @@ class Triangulator(Protocol):
 class Exporter(Protocol):
     """A function from a cloud to a file's bytes; registered as `slkit.exporters` under the file's ending."""
 
-    def __call__(self, cloud: PointCloud) -> bytes | Iterator[bytes | memoryview]:
+    def __call__(self, cloud: PointCloud) -> bytes | bytearray | memoryview | Iterator[bytes | memoryview]:
         """Return the whole content of the file, or give it part by part."""
         ...
 

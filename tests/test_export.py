@@ -16,6 +16,7 @@ from slkit import _open3d
 from slkit.data import PointCloud
 from slkit.errors import FileError
 from slkit.export import ply, read_ply, xyz
+from slkit.files import write_bytes
 
 
 def some_cloud(rows: int = 50, normals: bool = False) -> PointCloud:
@@ -178,3 +179,9 @@ def test_a_large_cloud_comes_in_parts():
     np.testing.assert_array_equal(back.xyz, cloud.xyz)
     np.testing.assert_array_equal(back.residual_px, cloud.residual_px)
     np.testing.assert_allclose(back.color, cloud.color, atol=1e-6)
+
+
+@pytest.mark.parametrize("given", [b"abc", bytearray(b"abc"), memoryview(b"abc"), iter([b"a", memoryview(b"bc")])])
+def test_what_an_exporter_may_return_is_written(given, tmp_path):
+    write_bytes(tmp_path / "a.bin", given)
+    assert (tmp_path / "a.bin").read_bytes() == b"abc"

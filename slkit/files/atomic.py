@@ -10,7 +10,7 @@ from pathlib import Path
 from slkit.errors import FileError
 
 
-def write_bytes(path: str | Path, data: bytes | Iterator[bytes | memoryview]) -> None:
+def write_bytes(path: str | Path, data: bytes | bytearray | memoryview | Iterator[bytes | memoryview]) -> None:
     """Write a file, given whole or part by part, so that a process killed at any moment leaves it whole or as before.
 
     A temporary file beside the target is flushed to the disk and renamed; missing folders are made.
@@ -23,7 +23,7 @@ def write_bytes(path: str | Path, data: bytes | Iterator[bytes | memoryview]) ->
     try:
         try:
             with open(temporary, "xb") as file:
-                file.writelines([data] if isinstance(data, bytes) else data)
+                file.writelines([data] if isinstance(data, (bytes, bytearray, memoryview)) else data)
                 file.flush()
                 os.fsync(file.fileno())
             os.replace(temporary, path)

@@ -70,13 +70,14 @@ class Place:
         with _told(self.url, "read"):
             return cast("bytes", self.system.cat_file(self.path))
 
-    def write(self, data: bytes | Iterator[bytes | memoryview]) -> None:
+    def write(self, data: bytes | bytearray | memoryview | Iterator[bytes | memoryview]) -> None:
         """Write a file that appears whole or not at all. Errors: FileError where it cannot be written."""
         if self.local is not None:
             write_bytes(self.local, data)
             return
+        # Outside: an error of what gives the parts is not one of writing.
+        data = bytes(data) if isinstance(data, (bytes, bytearray, memoryview)) else b"".join(data)
         with _told(self.url, "written"):
-            data = data if isinstance(data, bytes) else b"".join(data)
             if _OBJECT_STORES & set(_protocols(self.system)):
                 self.system.pipe_file(self.path, data)
                 return

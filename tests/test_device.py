@@ -1,0 +1,78 @@
+"""Loops side by side: every part once, errors come out at once, and no caller waits for a stranger."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+from slkit.device import side_by_side, threads
+
+
+@pytest.fixture(params=["1", "2", "5"])
+def count(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> int:
+    monkeypatch.setenv("NUMBA_NUM_THREADS", request.param)
+    return threads()
+
+
+def test_every_part_is_done_once_also_within_another(count: int):
+    done: list[tuple[int, int]] = []
+
+    def outer(first: int, last: int) -> None:
+        side_by_side(lambda a, b: done.append((a, b)), list(range(first, last + 1)))
+
+    side_by_side(outer, [0, 4, 9, 9, 12])
+    assert sorted(done) == [(i, i + 1) for i in range(12)]
+    side_by_side(outer, [3, 3])
+    assert len(done) == 12
+
+
+@pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt])
+def test_an_error_comes_out_and_no_part_begins_after_it(count: int, error: type[BaseException]):
+    begun: list[int] = []
+
+    def work(first: int, last: int) -> None:
+        begun.append(first)
+        if first == 0:
+            raise error
+        time.sleep(0.05)
+
+    with pytest.raises(error):
+        side_by_side(work, list(range(101)))
+    assert len(begun) < 20
+
+
+def test_nobody_waits_for_the_parts_of_another_caller(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("NUMBA_NUM_THREADS", "4")
+    release, busy = threading.Event(), threading.Semaphore(0)
+
+    def long(first: int, last: int) -> None:
+        busy.release()
+        release.wait(60)
+
+    with ThreadPoolExecutor(1) as other:
+        stranger = other.submit(side_by_side, long, [0, 1, 2, 3, 4])
+        for _ in range(4):
+            assert busy.acquire(timeout=60)
+        done: list[int] = []
+        try:
+            side_by_side(lambda first, last: done.append(first), [0, 1, 2, 3, 4])
+            assert sorted(done) == [0, 1, 2, 3] and not stranger.done()
+        finally:
+            release.set()
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
+def test_a_fork_has_threads_of_its_own(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("NUMBA_NUM_THREADS", "2")
+    done: list[int] = []
+    side_by_side(lambda first, last: done.append(first), [0, 1, 2])
+    child = os.fork()
+    if child == 0:
+        done.clear()
+        side_by_side(lambda first, last: done.append(first), [0, 1, 2])
+        os._exit(0 if sorted(done) == [0, 1] else 1)
+    assert os.waitpid(child, 0)[1] == 0
