@@ -77,11 +77,15 @@ class Triangulator(Protocol):
         ...
 
 
+FileContent = bytes | bytearray | memoryview | Iterator[bytes | memoryview]
+"""The content of a file, whole or part by part."""
+
+
 @runtime_checkable
 class Exporter(Protocol):
     """A function from a cloud to a file's bytes; registered as `slkit.exporters` under the file's ending."""
 
-    def __call__(self, cloud: PointCloud) -> bytes | bytearray | memoryview | Iterator[bytes | memoryview]:
+    def __call__(self, cloud: PointCloud) -> FileContent:
         """Return the whole content of the file, or give it part by part."""
         ...
 

@@ -23,8 +23,9 @@ _inlined = numba.njit(cache=True, nogil=True, error_model="numpy", inline="alway
 
 
 @_compiled
-def add_pairs(
+def add_rows(
     pictures: tuple[Levels, ...],
+    paired: bool,
     high: Levels,
     low: Levels,
     noise: Singles,
@@ -38,8 +39,8 @@ def add_pairs(
 ) -> None:
     """Take bits into the cells lo to hi that are possible, (r, w) each: `count` from `first` on, the lowest ones first.
 
-    pictures: (r, w) each, of every bit its pattern and the inverse, and any others behind; high, low (r, w): white and
-    black.
+    pictures: (r, w) each, the pattern of every bit, followed by its inverse where paired, and any others behind; high,
+    low (r, w): white and black. Without an inverse white + black - pattern stands in for it.
     noise (3,): variance in dark, its gain a level, the dark level; rule (2,): what makes a bit known, in sigmas and as
     a share of white - black; last: number of the last cell after these bits. square (r, w): of the smallest known
     difference in sigmas. What was in lo, hi and square does not count where the first bit is the code's.
@@ -48,38 +49,14 @@ def add_pairs(
     for row in range(lo.shape[0]):
         for start in range(0, width, _CHUNK):
             part = slice(start, min(start + _CHUNK, width))
-            here = lo[row, part], hi[row, part], square[row, part]
-            _begin(high[row, part], low[row, part], rule[1], first == 0, *here, state)
-            for k in range(count):
-                top = np.float32((1 << (first + k + 1)) - 1)
-                _add_pair(pictures[2 * k][row, part], pictures[2 * k + 1][row, part], noise, rule[0], top, state)
-            _end(last, *here, state)
-
-
-@_compiled
-def add_singles(
-    pictures: tuple[Levels, ...],
-    high: Levels,
-    low: Levels,
-    noise: Singles,
-    rule: Singles,
-    first: int,
-    count: int,
-    last: int,
-    lo: Wholes,
-    hi: Wholes,
-    square: Singles,
-) -> None:
-    """Take bits without inverses, for which white + black - pattern stands in; see `add_pairs`."""
-    state, width = np.empty(4 * _CHUNK, np.float32), lo.shape[1]
-    for row in range(lo.shape[0]):
-        for start in range(0, width, _CHUNK):
-            part = slice(start, min(start + _CHUNK, width))
             references, here = (high[row, part], low[row, part]), (lo[row, part], hi[row, part], square[row, part])
             _begin(*references, rule[1], first == 0, *here, state)
             for k in range(count):
                 top = np.float32((1 << (first + k + 1)) - 1)
-                _add_single(pictures[k][row, part], *references, noise, rule[0], top, state)
+                if paired:
+                    _add_pair(pictures[2 * k][row, part], pictures[2 * k + 1][row, part], noise, rule[0], top, state)
+                else:
+                    _add_single(pictures[k][row, part], *references, noise, rule[0], top, state)
             _end(last, *here, state)
 
 

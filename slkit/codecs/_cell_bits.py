@@ -16,8 +16,8 @@ from slkit.device import on_cuda
 
 # Bits that a loop takes at a time: more of their pictures are not held in memory.
 _AT_ONCE = 6
-# Cells in fewer px than so many are held as short numbers: sums of two of them, and their px, must fit.
-_SHORT = 1 << 14
+# Cells of so many bits are held as short numbers.
+_SHORT_BITS = 15
 
 
 @dataclass(frozen=True)
@@ -45,15 +45,10 @@ class Cells:
     square: Float32s
     guess: Ints
 
-    @property
-    def margin(self) -> Float32s:
-        """The smallest |difference| of a known bit in sigmas (h, w)."""
-        return np.sqrt(self.square)
-
     @classmethod
     def of(cls, code: CellCode, shape: tuple[int, ...]) -> Cells:
         """Return room for the cells (h, w) that a code's pictures show."""
-        kind = np.int16 if code.count * code.step < _SHORT else np.int32
+        kind = np.int16 if code.bits <= _SHORT_BITS else np.int32
         lo, hi = (np.empty(shape, kind) for _ in range(2))
         return cls(lo, hi, np.empty(shape, np.float32), lo)
 
@@ -102,9 +97,8 @@ def add_bits(
         lit, inverse = np.stack(pictures[::step]), np.stack(pictures[1::step]) if code.inverse else None
         on_device(lit, inverse, (light.white, light.black), *told, last, cells.lo, cells.hi, cells.square)
         return
-    from slkit.codecs._bit_kernels import add_pairs, add_singles
+    from slkit.codecs._bit_kernels import add_rows
 
-    add = add_pairs if code.inverse else add_singles
     # A compiled loop knows pictures of one type and layout only, and so many; none is changed.
     same = [_read_only(picture) for picture in pictures]
     same += same[-1:] * (_AT_ONCE * (2 if code.inverse else 1) - len(same))
@@ -113,7 +107,7 @@ def add_bits(
         rows = slice(first, stop)
         state = cells.lo[rows], cells.hi[rows], cells.square[rows]
         part = tuple(picture[rows] for picture in same)
-        add(part, light.white[rows], light.black[rows], *told, len(bits), last, *state)
+        add_rows(part, code.inverse, light.white[rows], light.black[rows], *told, len(bits), last, *state)
 
     over_rows(work, len(light.mask))
 

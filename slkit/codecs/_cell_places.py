@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from slkit.codecs._cell_bits import Cells
 from slkit.codecs._gray_code import CellCode, Ints, Mask
-from slkit.codecs._masks import colors_at
+from slkit.codecs._results import Rows, grey_of
 from slkit.codecs._rows import over_rows
 from slkit.data import Correspondences, Float32s, Image
 from slkit.errors import InputError
@@ -87,11 +87,12 @@ def gather(
 
         over_rows(count, height, TILE)
         shares.append(_shares(counts))
-    starts = np.cumsum(kept) - kept
-    found = _pixels(mask, square, white, starts, int(kept.sum()))
+    starts, total = np.cumsum(kept) - kept, int(kept.sum())
+    out = Rows.room_for(total)
+    _pixels(mask, square, white, starts, out)
     for (code, interval), near in zip(intervals, shares, strict=True):
-        _write_axis(code, interval, near, mask, starts, found, len(intervals) == 1)
-    return found
+        _write_axis(code, interval, near, mask, starts, out, len(intervals) == 1)
+    return out.correspondences(white, total)
 
 
 def _write_axis(
@@ -100,10 +101,10 @@ def _write_axis(
     shares: Float32s,
     mask: Mask,
     starts: Longs,
-    found: Correspondences,
+    out: Rows,
     alone: bool,
 ) -> None:
-    """Write position and sigma of one axis into `found`; alone: there is no other, which is then NaN."""
+    """Write position and sigma of one axis; alone: there is no other, which is then NaN."""
     from slkit.codecs._result_kernels import write_places
 
     (lo, hi), axis = interval, int(code.axis == "y")
@@ -112,7 +113,7 @@ def _write_axis(
 
     def work(first: int, last: int) -> None:
         part, told = slice(first, last), (shares, scale, axis, alone)
-        write_places(first, mask[part], lo[part], hi[part], *told, starts[part], found.projector_xy, found.sigma)
+        write_places(first, mask[part], lo[part], hi[part], *told, starts[part], out.projector_xy, out.sigma)
 
     over_rows(work, len(mask))
 
@@ -128,22 +129,16 @@ def _shares(counts: Counts) -> Float32s:
     return np.stack([part / np.maximum(sums[0], 1) for part in sums[1:]], axis=-1).astype(np.float32)
 
 
-def _pixels(mask: Mask, square: Float32s, white: Image, starts: Longs, total: int) -> Correspondences:
-    """Return correspondences (total,) of the pixels of mask (h, w), positions left open; starts (h,): of each row."""
+def _pixels(mask: Mask, square: Float32s, white: Image, starts: Longs, out: Rows) -> None:
+    """Write place, grey and confidence of the pixels of mask (h, w); starts (h,): where each row's begin."""
     from slkit.codecs._result_kernels import write_margins
     from slkit.codecs._run_kernels import write_seen
 
-    # A large piece of memory is given in large pages, which come at a fraction of the time.
-    camera_xy, projector_xy, sigma = np.empty((3, total, 2), np.float32)
-    confidence, level = np.empty((2, total), np.float32)
-    brightest = float(max(int(white.max()), 1))
-    grey = white if white.ndim == 2 else white[..., 0]
+    grey, brightest = grey_of(white)
 
     def work(first: int, last: int) -> None:
         part = slice(first, last)
-        write_seen(first, mask[part], grey[part], brightest, starts[part], camera_xy, level)
-        write_margins(mask[part], square[part], starts[part], confidence)
+        write_seen(first, mask[part], grey[part], brightest, starts[part], out.camera_xy, out.grey)
+        write_margins(mask[part], square[part], starts[part], out.confidence)
 
     over_rows(work, len(mask))
-    color = colors_at(white, camera_xy) if white.ndim == 3 else np.broadcast_to(level[:, None], (total, 3))
-    return Correspondences(camera_xy, projector_xy, sigma, confidence, color)

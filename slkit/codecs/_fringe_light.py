@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from slkit.codecs._masks import colors_at
+from slkit.codecs._results import colors_at
 from slkit.codecs._slit_colors import local_white
 from slkit.codecs._view_slits import Slits
 from slkit.data import Float32s, Image

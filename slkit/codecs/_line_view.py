@@ -34,11 +34,6 @@ class Coarse:
     known: Mask
     square: Float32s
 
-    @property
-    def margin(self) -> Float32s:
-        """How sure the position is, in sigmas (h, w)."""
-        return np.sqrt(self.square)
-
 
 @dataclass(frozen=True, eq=False)
 class View:
@@ -105,8 +100,8 @@ class View:
         keep = agreeing(peaks, slope, period / 2)
         peaks, slope = peaks.select(keep), slope[keep]
         sigma = peaks.sigma_col * np.abs(pace(peaks, slope, period / 2))
-        margin = np.minimum(self.coarse.margin[peaks.row, peaks.nearest], peaks.contrast / peaks.noise)
-        confidence = probability(margin.astype(np.float32))
+        square = np.minimum(self.coarse.square[peaks.row, peaks.nearest], (peaks.contrast / peaks.noise) ** 2)
+        confidence = probability(square.astype(np.float32))
         return AxisPeaks(peaks.row, peaks.col, peaks.value, sigma, confidence, self.turned, period / 2)
 
 

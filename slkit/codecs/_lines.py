@@ -10,7 +10,8 @@ import numpy.typing as npt
 
 from slkit.codecs._line_scales import FLATTEST, LineRule, Room, Scales
 from slkit.codecs._line_view import AxisPeaks, View
-from slkit.codecs._masks import Levels, colors_at
+from slkit.codecs._masks import Levels
+from slkit.codecs._results import Rows, grey_of
 from slkit.codecs._rows import over_large_blocks, over_rows
 from slkit.data import Correspondences, Float32s, Image
 
@@ -39,19 +40,17 @@ class Lines:
         from slkit.codecs._line_join_kernels import write_lines
 
         ends = np.cumsum([0, *(len(col) for col, _ in self.parts)]).tolist()
-        camera_xy, projector_xy, sigma = (np.empty((ends[-1], 2), np.float32) for _ in range(3))
-        confidence, grey = (np.empty(ends[-1], np.float32) for _ in range(2))
-        light, brightest = self.view.light.white, float(max(int(white.max()), 1))
+        rows, light, (_, brightest) = Rows.room_for(ends[-1]), self.view.light.white, grey_of(white)
+        fields = rows.camera_xy, rows.projector_xy, rows.sigma, rows.confidence, rows.grey
 
         def work(first: int, last: int) -> None:
             for k in range(first, last):
                 part = slice(ends[k], ends[k + 1])
-                out = (a[part] for a in (camera_xy, projector_xy, sigma, confidence, grey))
+                out = (field[part] for field in fields)
                 write_lines(*self.parts[k], self.view.turned, axis, light, brightest, *out)
 
         over_rows(work, len(self.parts))
-        color = colors_at(white, camera_xy) if white.ndim == 3 else np.broadcast_to(grey[:, None], (ends[-1], 3))
-        return Correspondences(camera_xy, projector_xy, sigma, confidence, color)
+        return rows.correspondences(white, ends[-1])
 
 
 @dataclass(frozen=True, eq=False)

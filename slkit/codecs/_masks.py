@@ -5,7 +5,7 @@ Nothing here knows a grey level: contrast is judged against the noise that the p
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -16,7 +16,7 @@ import numpy.typing as npt
 from slkit.codecs._noise import NoiseCurve, noise_curve
 from slkit.codecs._rows import over_rows
 from slkit.codecs._tiles import sampled
-from slkit.data import Correspondences, Float32s, Frames, Image, check_image, describe_image
+from slkit.data import Float32s, Frames, Image, check_image, describe_image
 from slkit.errors import DecodeError, InputError
 
 _LEAST_NEIGHBOURS = 6
@@ -171,44 +171,3 @@ def saturation(image: Image) -> npt.NDArray[np.bool_]:
         full = top
     at_top = image >= full
     return at_top if image.ndim == 2 else np.any(at_top, axis=2)
-
-
-def collect(
-    mask: npt.NDArray[np.bool_],
-    places: Mapping[int, tuple[Float32s, Float32s]],
-    confidence: Float32s,
-    lit: Image,
-) -> Correspondences:
-    """Return one correspondence for each pixel of mask (h, w), at the pixel's centre.
-
-    places: position and sigma (h, w) px of each coded axis, 0 for x and 1 for y; confidence (h, w); lit (h, w) or
-    (h, w, 3): where the colours come from.
-    """
-    from slkit.codecs._run_kernels import write_maps, write_seen, write_values
-
-    rows = np.count_nonzero(mask, axis=1)
-    starts, total = np.cumsum(rows) - rows, int(rows.sum())
-    camera_xy, value, spread = np.empty((3, total, 2), dtype=np.float32)
-    chance, level = np.empty((2, total), dtype=np.float32)
-    grey, brightest = (lit if lit.ndim == 2 else lit[..., 0]), float(max(int(lit.max()), 1))
-
-    def work(first: int, last: int) -> None:
-        part = slice(first, last)
-        kept, at = mask[part], starts[part]
-        write_seen(first, kept, grey[part], brightest, at, camera_xy, level)
-        write_values(kept, confidence[part], at, chance)
-        for axis, (position, sigma) in places.items():
-            write_maps(kept, position[part], sigma[part], axis, len(places) == 1, at, value, spread)
-
-    over_rows(work, len(mask))
-    color = np.broadcast_to(level[:, None], (total, 3)) if lit.ndim == 2 else colors_at(lit, camera_xy)
-    return Correspondences(camera_xy, value, spread, chance, color)
-
-
-def colors_at(lit: Image, camera_xy: Float32s) -> Float32s:
-    """Return the colours (m, 3), 0 to 1 of the picture's brightest level, at the pixels nearest to camera_xy (m, 2)."""
-    height, width = lit.shape[:2]
-    cols, rows = np.rint(camera_xy).astype(np.intp).T
-    found = lit[np.clip(rows, 0, height - 1), np.clip(cols, 0, width - 1)].astype(np.float32)
-    found = found / np.float32(max(int(lit.max()), 1))
-    return np.repeat(found[:, None], 3, axis=1) if lit.ndim == 2 else found

@@ -120,10 +120,13 @@ def median(values: Float32s) -> float:
     return float(parts[middle]) if len(values) % 2 else float(parts[:middle].max() + parts[middle]) / 2
 
 
-def probability(margin: Float32s) -> Float32s:
-    """Return the probability (...) that noise does not turn over a difference of `margin` sigmas, see `chance_of`."""
+def probability(square: Float32s) -> Float32s:
+    """Return the probability (...) that noise does not turn a difference over; square (...): of it in sigmas.
+
+    See `chance_of`.
+    """
     from slkit.codecs._noise_kernels import write_chances
 
-    found = np.empty(margin.shape, np.float32)
-    write_chances(np.square(margin).ravel(), found.ravel())
+    found = np.empty(square.shape, np.float32)
+    write_chances(square.ravel(), found.ravel())
     return found

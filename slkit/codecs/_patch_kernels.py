@@ -94,16 +94,6 @@ def _doubts(shifts: Singles, sigma: Singles, variance: float, most: Singles, dou
 
 
 @_compiled
-def count_rows(mask: Mask, counts: Longs) -> None:
-    """Write how many pixels of each row of a mask (r, w) are set: counts (r,)."""
-    for row in range(mask.shape[0]):
-        found, here = 0, mask[row]
-        for col in range(len(here)):
-            found += here[col]
-        counts[row] = found
-
-
-@_compiled
 def pick_pixels(first: int, mask: Mask, starts: Longs, step: int, at: Longs) -> None:
     """Write the flat place in a picture of every step-th pixel of a mask, rows first on (r, w): at (m,).
 

@@ -12,9 +12,9 @@ import numpy.typing as npt
 
 from slkit.codecs._footprint import VARIANCE
 from slkit.codecs._gray_code import Mask
-from slkit.codecs._masks import colors_at
+from slkit.codecs._results import Rows, grey_of, row_counts
 from slkit.codecs._rows import over_large_blocks, over_rows
-from slkit.codecs._unwrap import Ladder, Place, Scratch, row_counts
+from slkit.codecs._unwrap import Ladder, Place, Scratch
 from slkit.data import Correspondences, Float32s, Image
 from slkit.errors import DecodeError
 
@@ -51,24 +51,6 @@ class Band:
         return Band(*maps, self.confidence[rows], self.mask[rows])
 
 
-@dataclass(frozen=True, eq=False)
-class Rows:
-    """The fields of `Correspondences`, grey for colour (n,), with room for more rows than there may be."""
-
-    camera_xy: Float32s
-    projector_xy: Float32s
-    sigma: Float32s
-    confidence: Float32s
-    grey: Float32s
-
-    @classmethod
-    def room_for(cls, count: int) -> Rows:
-        """Return room for so many rows, in one piece of memory."""
-        memory = np.empty((8, count), dtype=np.float32)
-        camera_xy, projector_xy, sigma = memory[:6].reshape(3, count, 2)
-        return cls(camera_xy, projector_xy, sigma, memory[6], memory[7])
-
-
 def decode_rows(ladders: Mapping[int, Ladder], mask: Mask, lit: Image) -> Correspondences:
     """Return one correspondence for each pixel of mask (h, w) whose period every ladder can tell, at its centre.
 
@@ -76,8 +58,8 @@ def decode_rows(ladders: Mapping[int, Ladder], mask: Mask, lit: Image) -> Corres
     DecodeError where no period can be told anywhere.
     """
     height, width = mask.shape
+    shown = grey_of(lit)
     beyond = [ladder.unforeseen(mask) for ladder in ladders.values()]
-    brightest = float(max(int(lit.max()), 1))
     out, done, step = Rows.room_for(row_counts(mask)[1]), 0, max(_BAND_PX // width, 1)
     memory = Band.blank(len(ladders), mask[: step + 2 * _HALO_PX])
     for top in range(0, height, step):
@@ -85,13 +67,10 @@ def decode_rows(ladders: Mapping[int, Ladder], mask: Mask, lit: Image) -> Corres
         rows = slice(max(top - _HALO_PX, 0), min(bottom + _HALO_PX, height))
         band = memory.part(slice(0, rows.stop - rows.start))
         _climb([ladder.part(partial(_rows_of, rows)) for ladder in ladders.values()], beyond, mask[rows], band)
-        done += _write(ladders, band, (rows.start, top, bottom), lit, brightest, done, out)
+        done += _write(ladders, band, (rows.start, top, bottom), shown, done, out)
     if not done:
         raise DecodeError("no period could be told anywhere: the sets of fringes contradict each other or the bounds")
-    grey = np.broadcast_to(out.grey[:done, None], (done, 3))
-    color = grey if lit.ndim == 2 else colors_at(lit, out.camera_xy[:done])
-    found = out.camera_xy, out.projector_xy, out.sigma, out.confidence, color
-    return Correspondences(*(field[:done] for field in found))
+    return out.correspondences(lit, done)
 
 
 def _climb(ladders: Sequence[Ladder], beyond: Sequence[Sequence[float]], mask: Mask, band: Band) -> None:
@@ -115,14 +94,14 @@ def _write(
     ladders: Mapping[int, Ladder],
     band: Band,
     rows: tuple[int, int, int],
-    lit: Image,
-    brightest: float,
+    shown: tuple[Image, float],
     done: int,
     out: Rows,
 ) -> int:
     """Write rows of a picture, after `done` rows of a result, and return how many pixels they have.
 
-    rows: where the band begins in the picture, and the first and the last that are written; brightest: level of lit.
+    rows: where the band begins in the picture, and the first and the last that are written; shown: grey
+    picture (h, w) and the brightest level.
     The shift of a pixel that sees a patch (`displacement`) is not taken off, as it is noisier than the phase itself;
     sigma allows for it.
     """
@@ -132,7 +111,7 @@ def _write(
     row0, top, bottom = rows
     starts, total = row_counts(band.mask[top - row0 : bottom - row0])
     starts += done
-    grey = lit if lit.ndim == 2 else lit[..., 0]
+    grey, brightest = shown
 
     def work(first: int, last: int) -> None:
         here, there, at = slice(first + top - row0, last + top - row0), first + top, starts[first:last]

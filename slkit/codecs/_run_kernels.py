@@ -31,6 +31,16 @@ def next_run(mask: Mask, col: int) -> tuple[int, int]:
 
 
 @_compiled
+def count_rows(mask: Mask, counts: Longs) -> None:
+    """Write how many pixels of each row of a mask (r, w) are set: counts (r,)."""
+    for row in range(mask.shape[0]):
+        found, here = 0, mask[row]
+        for col in range(len(here)):
+            found += here[col]
+        counts[row] = found
+
+
+@_compiled
 def write_seen(
     row0: int, mask: Mask, light: Levels, brightest: float, starts: Longs, camera_xy: Singles, grey: Singles
 ) -> None:

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from slkit.codecs._gray_code import Mask
 from slkit.codecs._noise import median
 from slkit.codecs._phase import Cut, FringeSet
+from slkit.codecs._results import row_counts
 from slkit.codecs._rows import over_rows
 from slkit.data import Float32s
 
@@ -188,15 +189,6 @@ class Ladder:
 def holds_axis(pitch: float, extent: int) -> bool:
     """Return whether one period of `pitch` px is as long as the axis, so that its phase alone is a position."""
     return pitch >= extent * (1 - 1e-9)
-
-
-def row_counts(mask: Mask) -> tuple[Longs, int]:
-    """Return how many pixels of a mask (h, w) lie above each of its rows (h,), and how many there are."""
-    from slkit.codecs._patch_kernels import count_rows
-
-    counts = np.empty(len(mask), dtype=np.int64)
-    count_rows(mask, counts)
-    return np.cumsum(counts) - counts, int(counts.sum())
 
 
 def sample(mask: Mask, most: int) -> Cut:

@@ -25,7 +25,8 @@ from slkit.codecs._color_pattern import (
     unmixing,
 )
 from slkit.codecs._debruijn import least_distance, repeated_window
-from slkit.codecs._masks import Reader, colors_at
+from slkit.codecs._masks import Reader
+from slkit.codecs._results import colors_at
 from slkit.data import Correspondences, Float32s, Frames, Image
 from slkit.errors import DecodeError, InputError
 from slkit.geometry import as_size

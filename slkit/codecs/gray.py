@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
+from functools import reduce
 from typing import cast
 
 import numpy as np
@@ -23,7 +24,8 @@ from slkit.codecs._gray_code import (
     patterns,
 )
 from slkit.codecs._line_view import AxisPeaks, Coarse
-from slkit.codecs._masks import Levels, Reader, colors_at, levels, measure_light
+from slkit.codecs._masks import Levels, Reader, levels, measure_light
+from slkit.codecs._results import colors_at
 from slkit.data import Correspondences, Float32s, Frames, Image
 from slkit.errors import InputError
 from slkit.geometry import as_size
@@ -108,9 +110,7 @@ class Gray:
             if self.subpixel:
                 coarse = Coarse(*place(interval, code, self.max_cells, light.mask), cells.square)
                 edges[code.axis] = borders(code, cells, coarse, interval, record)
-        found = gather(
-            intervals, squares[0] if len(squares) == 1 else np.minimum(*squares), light.mask, self.max_cells, white
-        )
+        found = gather(intervals, reduce(np.minimum, squares), light.mask, self.max_cells, white)
         return self._at_edges(edges, found, white) if self.subpixel else found
 
     def _at_edges(self, edges: Mapping[Axis, AxisPeaks], found: Correspondences, white: Image) -> Correspondences:

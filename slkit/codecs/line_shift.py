@@ -27,8 +27,9 @@ from slkit.codecs._gray_code import (
 from slkit.codecs._line_scales import LineRule, scales_of
 from slkit.codecs._line_view import Coarse, View
 from slkit.codecs._lines import Lines, find_lines
-from slkit.codecs._masks import Levels, Light, Reader, collect, measure_light
+from slkit.codecs._masks import Levels, Light, Reader, measure_light
 from slkit.codecs._noise import probability
+from slkit.codecs._results import collect
 from slkit.data import Correspondences, Float32s, Frames, Image
 from slkit.errors import InputError
 from slkit.geometry import as_size
@@ -162,7 +163,7 @@ class LineShift:
 
     def _decode_pixels(self, read: Read, light: Light, white: Image, bounds: Bounds | None) -> Correspondences:
         places: dict[int, tuple[Float32s, Float32s]] = {}
-        keep, margin = light.mask.copy(), np.full(light.mask.shape, np.inf, dtype=np.float32)
+        keep, square = light.mask.copy(), np.full(light.mask.shape, np.inf, dtype=np.float32)
         for axis in coded_axes(self.axes):
             coarse = self._coarse(axis, read, light, bounds)
             phase, snr = self._harmonic(axis, read, light)
@@ -174,8 +175,8 @@ class LineShift:
             sigma = np.hypot(NOISE_GAIN * noise, VARIANCE_DOUBT * around(shift))
             places[int(axis == "y")] = position.astype(np.float32), sigma.astype(np.float32)
             keep &= good
-            margin = np.minimum(margin, coarse.margin)
-        return collect(keep, places, probability(margin), white)
+            square = np.minimum(square, coarse.square)
+        return collect(keep, places, probability(square), white)
 
     def _harmonic(self, axis: Axis, read: Read, light: Light) -> tuple[Float32s, Float32s]:
         """Return the position in px within a period, and amplitude over noise, of the first harmonic over the shifts.

@@ -203,7 +203,7 @@ class PhaseShift:
         cells = read_cells(code, lambda name: reader.grey(names.index(name)), light, _BIT_RULE)
         position, good = place(possible(cells, code, bounds), code, 2, light.mask)
         sigma = np.full_like(position, code.step / np.sqrt(12))
-        return Place(position, sigma, probability(cells.margin), good)
+        return Place(position, sigma, probability(cells.square), good)
 
     def _ladder(
         self, axis: Axis, sets: tuple[FringeSet, ...], noise: NoiseCurve, start: Place | None, bounds: Bounds | None

@@ -1,6 +1,6 @@
 """Pictures, rigs, meshes and capture folders between disk and memory; every write is atomic."""
 
-from slkit.files.atomic import make_folder, write_bytes, write_text
+from slkit.files.atomic import make_folder, parts_of, write_bytes, write_text
 from slkit.files.folders import (
     PICTURE_TABLES,
     CalibrationFolder,
@@ -39,6 +39,7 @@ __all__ = [
     "loss_notes",
     "make_folder",
     "merged",
+    "parts_of",
     "plain",
     "projector_size",
     "read_bytes",

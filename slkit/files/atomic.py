@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import os
 import secrets
-from collections.abc import Iterator
+from collections.abc import Iterable
 from pathlib import Path
 
 from slkit.errors import FileError
+from slkit.protocols import FileContent
 
 
-def write_bytes(path: str | Path, data: bytes | bytearray | memoryview | Iterator[bytes | memoryview]) -> None:
+def write_bytes(path: str | Path, data: FileContent) -> None:
     """Write a file, given whole or part by part, so that a process killed at any moment leaves it whole or as before.
 
     A temporary file beside the target is flushed to the disk and renamed; missing folders are made.
@@ -23,7 +24,7 @@ def write_bytes(path: str | Path, data: bytes | bytearray | memoryview | Iterato
     try:
         try:
             with open(temporary, "xb") as file:
-                file.writelines([data] if isinstance(data, (bytes, bytearray, memoryview)) else data)
+                file.writelines(parts_of(data))
                 file.flush()
                 os.fsync(file.fileno())
             os.replace(temporary, path)
@@ -33,6 +34,11 @@ def write_bytes(path: str | Path, data: bytes | bytearray | memoryview | Iterato
         _sync_folder(path.parent)
     except OSError as error:
         raise FileError(f"{path} cannot be written: {error.strerror or error}") from error
+
+
+def parts_of(data: FileContent) -> Iterable[bytes | bytearray | memoryview]:
+    """Return the content of a file part by part; what is whole is one part."""
+    return [data] if isinstance(data, (bytes, bytearray, memoryview)) else data
 
 
 def write_text(path: str | Path, text: str) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import secrets
 import tempfile
-from collections.abc import Generator, Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,8 +12,9 @@ from typing import Any, cast
 
 from slkit import files
 from slkit.errors import FileError, InputError
-from slkit.files import read_bytes, write_bytes
+from slkit.files import parts_of, read_bytes, write_bytes
 from slkit.geometry import Rig
+from slkit.protocols import FileContent
 
 # What is put there appears whole or not at all.
 _OBJECT_STORES = {"abfs", "az", "gcs", "gs", "memory", "s3", "s3a"}
@@ -70,13 +71,13 @@ class Place:
         with _told(self.url, "read"):
             return cast("bytes", self.system.cat_file(self.path))
 
-    def write(self, data: bytes | bytearray | memoryview | Iterator[bytes | memoryview]) -> None:
+    def write(self, data: FileContent) -> None:
         """Write a file that appears whole or not at all. Errors: FileError where it cannot be written."""
         if self.local is not None:
             write_bytes(self.local, data)
             return
         # Outside: an error of what gives the parts is not one of writing.
-        data = bytes(data) if isinstance(data, (bytes, bytearray, memoryview)) else b"".join(data)
+        data = b"".join(parts_of(data))
         with _told(self.url, "written"):
             if _OBJECT_STORES & set(_protocols(self.system)):
                 self.system.pipe_file(self.path, data)

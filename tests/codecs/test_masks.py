@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
 
-from slkit.codecs._masks import Reader, collect, colors_at, grey, levels, measure_light, saturation, without_rim
+from slkit.codecs._masks import Reader, grey, levels, measure_light, saturation, without_rim
 from slkit.codecs._noise import Evidence, noise_curve
+from slkit.codecs._results import collect, colors_at
 from slkit.data import Frames
 from slkit.errors import DecodeError, InputError
 

@@ -16,9 +16,10 @@ from slkit.codecs._noise import NoiseCurve
 from slkit.codecs._patch_kernels import write_doubted
 from slkit.codecs._period_kernels import blank_outside, distances, keep_inside, place_on_axis, refine_rows
 from slkit.codecs._phase import FringeSet, mean_of, modulated, set_of
+from slkit.codecs._results import row_counts
 from slkit.codecs._rows import over_large_blocks
 from slkit.codecs._tiles import Tiles
-from slkit.codecs._unwrap import row_counts, sample
+from slkit.codecs._unwrap import sample
 from slkit.codecs._wave_kernels import CHUNK, arctangent, sums_for, wave_rows
 from slkit.errors import DecodeError
 
