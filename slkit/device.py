@@ -5,11 +5,12 @@ from __future__ import annotations
 import os
 import threading
 from collections import deque
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import cache
+from typing import TypeVar, cast
 
 from slkit.errors import InputError
 
@@ -17,6 +18,8 @@ DEVICES = ("cpu", "cuda")
 
 _chosen = ContextVar("device", default="cpu")
 _thread = threading.local()
+
+T = TypeVar("T")
 
 
 @contextmanager
@@ -90,6 +93,18 @@ def side_by_side(work: Callable[[int, int], None], cuts: Sequence[int]) -> None:
         wait(begun)
     for other in begun:
         other.result()
+
+
+def one_ahead(items: Iterator[T]) -> Iterator[T]:
+    """Give the items; while one is used a helper works out the next, where more than one thread may work."""
+    if threads() == 1 or getattr(_thread, "helps", False):
+        yield from items
+        return
+    helpers, end = _helpers(os.getpid(), threads()), object()
+    coming = helpers.submit(next, items, end)
+    while (item := coming.result()) is not end:
+        coming = helpers.submit(next, items, end)
+        yield cast("T", item)
 
 
 @cache

@@ -10,6 +10,7 @@ import math
 import types
 import typing
 from collections.abc import Mapping
+from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
@@ -77,7 +78,9 @@ def _plain(value: Any) -> Any:
     return value
 
 
+@cache
 def _installed(group: str) -> dict[str, EntryPoint]:
+    """Return what is installed in a group; looking takes milliseconds, so it is done once."""
     return {point.name: point for point in entry_points(group=group)}
 
 

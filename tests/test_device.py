@@ -5,11 +5,12 @@ from __future__ import annotations
 import os
 import threading
 import time
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from slkit.device import side_by_side, threads
+from slkit.device import one_ahead, side_by_side, threads
 
 
 @pytest.fixture(params=["1", "2", "5"])
@@ -78,3 +79,35 @@ def test_a_fork_has_threads_of_its_own(monkeypatch: pytest.MonkeyPatch):
         side_by_side(lambda first, last: done.append(first), [0, 1, 2])
         os._exit(0 if sorted(done) == [0, 1] else 1)
     assert os.waitpid(child, 0)[1] == 0
+
+
+@pytest.mark.parametrize("items", [0, 1, 30])
+def test_items_come_in_order_also_within_helpers(count: int, items: int):
+    assert list(one_ahead(iter(range(items)))) == list(range(items))
+    found: list[list[int]] = []
+    side_by_side(lambda first, last: found.append(list(one_ahead(iter(range(items))))), list(range(5)))
+    assert found == 4 * [list(range(items))]
+
+
+def test_the_next_item_is_worked_out_while_one_is_used(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("NUMBA_NUM_THREADS", "2")
+    begun = [threading.Event() for _ in range(3)]
+
+    def worked() -> Iterator[int]:
+        for k in range(3):
+            begun[k].set()
+            yield k
+
+    for k in one_ahead(worked()):
+        assert k == 2 or begun[k + 1].wait(10)
+
+
+def test_an_item_that_fails_comes_out_after_those_before_it(count: int):
+    def worked() -> Iterator[int]:
+        yield 1
+        raise ValueError("worked out badly")
+
+    items = one_ahead(worked())
+    assert next(items) == 1
+    with pytest.raises(ValueError, match="badly"):
+        next(items)

@@ -59,6 +59,22 @@ def test_the_header_is_what_formats_promises():
     assert properties == [["uchar" if n in ("red", "green", "blue") else "float", n] for n in names]
 
 
+@pytest.mark.parametrize("normals", [False, True])
+def test_rows_are_those_of_numpy(normals: bool):
+    cloud = some_cloud(70_000, normals)
+    cloud.color[:9] = np.array([np.nan, -1, -0.0, 0.5, 1.5 / 255, 2.5 / 255, 1, np.inf, -np.inf])[:, None]
+    columns = dict(zip("xyz", cloud.xyz.T, strict=True))
+    if cloud.normals is not None:
+        columns |= dict(zip(("nx", "ny", "nz"), cloud.normals.T, strict=True))
+    shares = np.clip(np.where(np.isnan(cloud.color), np.float32(0.7), cloud.color), 0, 1)
+    columns |= dict(zip("rgb", np.rint(255 * shares).astype(np.uint8).T, strict=True))
+    columns |= {name: getattr(cloud, name) for name in ("sigma_mm", "sigma_cal_mm", "residual_px")}
+    rows = np.empty(len(cloud), dtype=[(name, values.dtype.newbyteorder("<")) for name, values in columns.items()])
+    for name, values in columns.items():
+        rows[name] = values
+    assert written(cloud).split(b"end_header\n", 1)[1] == rows.tobytes()
+
+
 def test_open3d_and_trimesh_read_it(tmp_path):
     cloud, path = some_cloud(), tmp_path / "cloud.ply"
     path.write_bytes(written(cloud))
@@ -174,7 +190,7 @@ def test_importing_is_light():
 def test_a_large_cloud_comes_in_parts():
     cloud = some_cloud(300_000)
     parts = list(ply(cloud))
-    assert len(parts) == 4
+    assert len(parts) > 2 and max(map(len, parts)) < len(b"".join(parts)) / 2
     back = read_ply(b"".join(parts))
     np.testing.assert_array_equal(back.xyz, cloud.xyz)
     np.testing.assert_array_equal(back.residual_px, cloud.residual_px)

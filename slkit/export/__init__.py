@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from slkit.data import PointCloud
-from slkit.device import side_by_side, threads
+from slkit.device import one_ahead
 from slkit.errors import FileError
 
 _GREY = 0.7
 _COLORS = "red", "green", "blue"
-# Rows that are written at a time, and those that stay in the cache while their columns are filled.
-_PART, _AT_ONCE = 1 << 17, 1 << 14
+# Rows that are written at a time.
+_PART = 1 << 16
 
 
 def ply(cloud: PointCloud) -> Iterator[bytes | memoryview]:
@@ -28,36 +28,36 @@ def ply(cloud: PointCloud) -> Iterator[bytes | memoryview]:
     from plyfile import PlyData, PlyElement
 
     cloud = cloud.select(cloud.finite)
-    columns: dict[str, npt.NDArray[Any]] = dict(zip("xyz", cloud.xyz.T, strict=True))
-    if cloud.normals is not None:
-        columns |= dict(zip(("nx", "ny", "nz"), cloud.normals.T, strict=True))
-    columns |= dict(zip(_COLORS, cloud.color.T, strict=True))
-    columns |= {n: getattr(cloud, n) for n in ("sigma_mm", "sigma_cal_mm", "residual_px")}
-    kinds = [(name, "u1" if name in _COLORS else "<f4") for name in columns]
-    vertex = PlyElement.describe(np.empty(0, dtype=kinds), "vertex")
+    normals = () if cloud.normals is None else ("nx", "ny", "nz")
+    names = *"xyz", *normals, *_COLORS, "sigma_mm", "sigma_cal_mm", "residual_px"
+    row = np.dtype([(name, "u1" if name in _COLORS else "<f4") for name in names])
+    vertex = PlyElement.describe(np.empty(0, dtype=row), "vertex")
     comments = ["units millimetres", "frame camera: x right, y down, z forward"]
     head = PlyData([vertex], text=False, byte_order="<", comments=comments).header
     yield head.replace("element vertex 0", f"element vertex {len(cloud)}").encode("ascii") + b"\n"
     # A part at a time: memory for all of a large cloud costs more time than its bytes.
-    for start in range(0, len(cloud), _PART):
-        yield _rows(columns, kinds, start, min(start + _PART, len(cloud))).view(np.uint8).data
+    yield from one_ahead(_rows(cloud, start, row.itemsize) for start in range(0, len(cloud), _PART))
 
 
-def _rows(
-    columns: Mapping[str, npt.NDArray[Any]], kinds: list[tuple[str, str]], start: int, stop: int
-) -> npt.NDArray[Any]:
-    """Return rows of columns as one record each."""
-    rows = np.empty(stop - start, dtype=kinds)
+def _rows(cloud: PointCloud, start: int, width: int) -> memoryview:
+    """Return xyz, normals, colour, sigmas and residual of a part of the points as rows of bytes."""
+    from slkit.export._row_kernels import write_rows
 
-    def fill(first: int, last: int) -> None:
-        for row in range(first, last, _AT_ONCE):
-            to = slice(row, min(row + _AT_ONCE, last))
-            given = slice(start + to.start, start + to.stop)
-            for (name, values), (_, kind) in zip(columns.items(), kinds, strict=True):
-                rows[name][to] = _bytes(values[given]) if kind == "u1" else values[given]
+    def part(column: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+        return np.ascontiguousarray(column[start : start + _PART])
 
-    side_by_side(fill, np.linspace(0, len(rows), threads() + 1).astype(int).tolist())
-    return rows
+    rows = np.empty((min(len(cloud) - start, _PART), width), dtype=np.uint8)
+    write_rows(
+        part(cloud.xyz),
+        np.empty((0, 3), np.float32) if cloud.normals is None else part(cloud.normals),
+        part(cloud.color),
+        part(cloud.sigma_mm),
+        part(cloud.sigma_cal_mm),
+        part(cloud.residual_px),
+        np.float32(_GREY),
+        rows,
+    )
+    return rows.reshape(-1).data
 
 
 def xyz(cloud: PointCloud) -> bytes:
@@ -126,7 +126,3 @@ def _fraction(values: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
     """Return colours 0 to 1: whole numbers are shares of their type's largest value."""
     scale = float(np.iinfo(values.dtype).max) if values.dtype.kind in "iu" else 1.0
     return np.clip(np.nan_to_num(values.astype(np.float64) / scale, nan=_GREY), 0, 1).astype(np.float32)
-
-
-def _bytes(color: npt.NDArray[np.float32]) -> npt.NDArray[np.uint8]:
-    return np.rint(255 * np.clip(np.nan_to_num(color, nan=_GREY), 0, 1)).astype(np.uint8)
