@@ -5,8 +5,9 @@ The names below are the public ones; each is imported when it is first used, so 
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
+
+from slkit._first_use import at_first_use
 
 if TYPE_CHECKING:
     from slkit.calibration.solve import solve_projector
@@ -87,16 +88,15 @@ _HOMES = {
     "slkit.triangulation": ("triangulate",),
 }
 
+_named = at_first_use(__name__, _HOMES)
+
 
 def __getattr__(name: str) -> Any:
     if name == "__version__":
         from importlib.metadata import version
 
         return version("slkit")
-    for home, names in _HOMES.items():
-        if name in names:
-            return getattr(import_module(home), name)
-    raise AttributeError(f"module 'slkit' has no attribute {name!r}")
+    return _named(name)
 
 
 def __dir__() -> list[str]:
