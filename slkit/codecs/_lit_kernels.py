@@ -35,12 +35,14 @@ def lit_rows(
     snr: float,
     lit: Mask,
     saturated: Mask,
+    mean: Levels,
 ) -> None:
     """Take four frames of a set (r, w) into its sums, and mark where one is saturated.
 
-    With the last, take out of lit (r, w) where the modulation is not above snr times the noise of one frame. most (4,):
-    the highest level of each frame that is not saturated; noise (3,): variance in dark, its gain a level, the dark
-    level; steps: of the whole set; else as `wave_rows`.
+    With the last, take out of lit (r, w) where the modulation is not above snr times the noise of one frame, and write
+    the frames' mean, rounded, to mean (r, w) or, where nobody asks, (0, w). most (4,): the highest level of each frame
+    that is not saturated; noise (3,): variance in dark, its gain a level, the dark level; steps: of the whole set; else
+    as `wave_rows`.
     """
     for row in range(lit.shape[0]):
         for start in range(0, lit.shape[1], CHUNK):
@@ -51,6 +53,8 @@ def lit_rows(
             _mark_saturated(p, q, r, s, most, saturated[row, start : start + CHUNK])
             if last:
                 _keep_lit(to, steps, noise, snr, lit[row, start : start + CHUNK])
+                if len(mean):
+                    _write_mean(to, steps, mean[row, start : start + CHUNK])
 
 
 @_compiled
@@ -68,6 +72,13 @@ def _keep_lit(sums: Singles, steps: int, noise: Singles, snr: float, lit: Mask) 
         x, y = sums[k], sums[SINE + k]
         variance = least + gain * max(sums[TOTAL + k] * mean - dark, zero)
         lit[k] &= x * x + y * y > square * variance
+
+
+@_compiled
+def _write_mean(sums: Singles, steps: int, mean: Levels) -> None:
+    count = np.float32(steps)
+    for k in range(len(mean)):
+        mean[k] = np.rint(sums[TOTAL + k] / count)
 
 
 @_compiled

@@ -146,12 +146,15 @@ class PhaseShift:
         if bounds is not None and bounds.shape != (*shape, 4):
             raise InputError(f"bounds must have the shape {(*shape, 4)}, not {bounds.shape}")
         noise = noise_of(every) if light is None or len(every) > 1 else light.curve
-        mask = modulated(every, noise, None if light is None else light.mask, self.min_snr)
+        # The mean of grey pictures comes with the sums, that of colours was taken before.
+        summed = None if self.references or mean is not None else np.empty_like(every[0].frames[0])
+        mask = modulated(every, noise, None if light is None else light.mask, self.min_snr, summed)
+        lit = next(image for image in (*references[:1], mean, summed) if image is not None)
         ladders: dict[int, Ladder] = {}
         for axis in axes:
             start = None if light is None else self._read_order(axis, reader, names, light, bounds)
             ladders[int(axis == "y")] = self._ladder(axis, sets[axis], noise, start, bounds)
-        return decode_rows(ladders, mask, references[0] if mean is None else mean)
+        return decode_rows(ladders, mask, lit)
 
     def lit(self, frames: Frames) -> Image:
         """Return the white picture as grey (h, w), or the mean of the first set of fringes. Errors: as `decode`."""
@@ -185,13 +188,13 @@ class PhaseShift:
                 )
 
     def _read_sets(self, reader: Reader, names: list[str]) -> tuple[dict[Axis, tuple[FringeSet, ...]], Image | None]:
-        """Return the sets of each axis, coarsest first, and without references the mean of the very first of them."""
+        """Return the sets of each axis, coarsest first, and the mean of the very first where colours are to be had."""
         sets, mean = dict[Axis, tuple[FringeSet, ...]](), None
         for axis in coded_axes(self.axes):
             fringes, found = self.fringes(axis), list[FringeSet]()
             for periods in sorted(fringes.periods):
                 images = read_images(reader, names.index(f"{axis}_{periods:g}_0"), fringes.steps)
-                if mean is None and not self.references:
+                if mean is None and not self.references and images[0].ndim == 3:
                     mean = mean_of(images)
                 found.append(set_of(images, fringes.sign, fringes.offset, self._extent(axis) / periods))
             sets[axis] = tuple(found)

@@ -91,9 +91,10 @@ def test_pixels_out_of_the_mask_keep_their_confidence_and_whole_chunks_are_passe
 def test_lit_and_saturated_pixels_are_those_of_numpy(seed: int, steps: int, snr: float, kind: type) -> None:
     fringes, total = waves(seed, steps, 1, kind)
     lit, saturated = np.ones(total.shape, dtype=bool), np.zeros(total.shape, dtype=bool)
-    sums = sums_for(steps, *total.shape)
+    sums, mean = sums_for(steps, *total.shape), np.empty(total.shape, dtype=kind)
     for four in fringes.fours():
-        lit_rows(*four, sums, steps, NOISE.numbers, snr, lit, saturated)
+        lit_rows(*four, sums, steps, NOISE.numbers, snr, lit, saturated, mean)
+    assert np.array_equal(mean, mean_of(fringes.frames))
     ratio = np.abs(total) * 2 / steps / NOISE.at(np.mean(fringes.frames, axis=0).astype(np.float32))
     sure = np.abs(ratio - snr) > 1e-3
     assert np.array_equal(lit[sure], (ratio > snr)[sure])
