@@ -9,6 +9,7 @@ the work beside it reads and writes, on one thread. --large adds pictures of 409
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -154,13 +155,13 @@ def whole_scan(rig: Rig) -> Iterator[Row]:
         yield Row(work, whole, "reading them with two threads", least_seconds(read, 3), "floor", asked("scan", rig))
 
 
-def batches(captures: int = 96) -> Iterator[Row]:
+def batches(captures: int = 160) -> Iterator[Row]:
     """The whole command `slkit batch` on small captures with one and with two workers, by turns."""
     with tempfile.TemporaryDirectory() as folder:
         root, rig = Path(folder), rig_of(*SMALL)
         pictures = list(seen(Gray(PROJECTOR), rig))
         for c in range(captures):
-            stored(root / "captures" / f"{c:02d}", pictures, PROJECTOR, "x")
+            stored(root / "captures" / f"{c:03d}", pictures, PROJECTOR, "x")
         slkit.write_rig(root / "rig.json", rig, {})
         # What waits to be written would be written during the first batch.
         os.sync()
@@ -171,6 +172,7 @@ def batches(captures: int = 96) -> Iterator[Row]:
             command(*given, "-o", str(clouds), "--workers", str(workers))
             taken = time.perf_counter() - started
             assert len(list(clouds.glob("*.ply"))) == captures
+            shutil.rmtree(clouds)
             return taken / captures
 
         one, two = np.min([[seconds(workers, turn) for workers in (1, 2)] for turn in range(2)], axis=0)

@@ -10,7 +10,7 @@ Singles = npt.NDArray[np.float32]
 Wholes = npt.NDArray[np.int32]
 Places = npt.NDArray[np.intp]
 
-LANES = 32
+LANES = 64
 """So many lines at a time."""
 
 # What is kept of each line, so many numbers apart: a fixed distance tells the compiler that they do not overlap, which

@@ -161,11 +161,11 @@ def _recenter(
         part = np.float32(place[i] - left)
         brighter = rise[left] + part * (rise[left + 1] - rise[left])
         doubt = VARIANCE_DOUBT * min(around[left] + part * (around[left + 1] - around[left]), STEEPEST)
-        crowding = max(crowded * max(abs(slope[int(np.rint(place[i]))]), flattest), 1.0)
-        sampling = SAMPLING * crowding * crowding * crowding
         place[i] += VARIANCE * min(max(brighter, -STEEPEST), STEEPEST)
-        spread[i] = np.sqrt(spread[i] * spread[i] + doubt * doubt + sampling * sampling)
         rate[i] = slope[int(np.rint(place[i]))]
+        crowding = max(crowded * max(abs(rate[i]), flattest), 1.0)
+        sampling = SAMPLING * crowding * crowding * crowding
+        spread[i] = np.sqrt(spread[i] * spread[i] + doubt * doubt + sampling * sampling)
 
 
 @_compiled

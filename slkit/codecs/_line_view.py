@@ -88,11 +88,13 @@ class View:
             return peaks  # a picture may be too small to have a gradient
         gradient = np.gradient(np.log(self.light.span), axis=1).astype(np.float32)
         brighter = np.clip(sample_row(gradient, peaks.row, peaks.col), -STEEPEST, STEEPEST)
-        spacing = period / np.maximum(np.abs(self.slope[peaks.row, peaks.nearest]), FLATTEST)
+        moved = replace(peaks, col=peaks.col + VARIANCE * brighter)
+        # Where it ends up the slope is known, or it is left out; where it came from it need not be.
+        spacing = period / np.maximum(np.abs(self.slope[peaks.row, moved.nearest]), FLATTEST)
         sampling = SAMPLING * np.maximum(COMFORTABLE_SPACING / spacing, 1) ** 3
         doubt = VARIANCE_DOUBT * np.minimum(sample_row(around(gradient), peaks.row, peaks.col), STEEPEST)
         sigma = np.sqrt(peaks.sigma_col**2 + doubt**2 + sampling**2)
-        return replace(peaks, col=peaks.col + VARIANCE * brighter, sigma_col=sigma)
+        return replace(moved, sigma_col=sigma)
 
     def consistent(self, peaks: Peaks, period: float) -> AxisPeaks:
         """Return the peaks that fit their neighbours, with sigma carried over to the projector by the local slope."""
