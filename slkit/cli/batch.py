@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -75,12 +76,18 @@ def _report(result: BatchResult, folder: str, as_json: bool) -> None:
     print(f"clouds and batch.jsonl: {folder}")
     if left:
         print(f"interrupted: {left} captures are left, which the same command with --resume scans")
-    if result.failures:
-        print_table(("failed", "why"), [(r.capture, r.error) for r in result.failures[:_SHOWN]])
-    if len(result.failures) > _SHOWN:
-        print(f"and {len(result.failures) - _SHOWN} more, in batch.jsonl")
+    _print_some(("noted", "what"), [(r.capture, note) for r in result.noted for note in r.notes])
+    _print_some(("failed", "why"), [(r.capture, r.error) for r in result.failures])
+
+
+def _print_some(columns: tuple[str, str], rows: Sequence[tuple[str, str]]) -> None:
+    if rows:
+        print_table(columns, rows[:_SHOWN])
+    if len(rows) > _SHOWN:
+        print(f"and {len(rows) - _SHOWN} more, in batch.jsonl")
 
 
 def _plain(result: BatchResult) -> dict[str, Any]:
     failures = [{"capture": record.capture, "error": record.error} for record in result.failures]
-    return {**dataclasses.asdict(result), "failures": failures}
+    noted = [{"capture": record.capture, "notes": record.notes} for record in result.noted]
+    return {**dataclasses.asdict(result), "failures": failures, "noted": noted}

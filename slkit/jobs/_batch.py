@@ -21,13 +21,15 @@ from slkit.jobs._scanning import Job, Recipe, scan_one
 class BatchResult:
     """captures: how many there are; scanned: how many clouds were written; unchanged: how many were there already.
 
-    failures: the records of those without a cloud. points: of the clouds written. seconds: from first to last.
+    failures: the records of those without a cloud. noted: of those whose pictures there is something to tell of.
+    points: of the clouds written. seconds: from first to last.
     """
 
     captures: int
     scanned: int
     unchanged: int
     failures: tuple[Record, ...]
+    noted: tuple[Record, ...]
     points: int
     seconds: float
 
@@ -102,9 +104,11 @@ def _scan_all(
     def result() -> BatchResult:
         status = [record.status for record in tally.values()]
         failures = tuple(record for record in tally.values() if record.status == "failed")
+        noted = tuple(record for record in tally.values() if record.notes)
         points = sum(record.points for record in tally.values())
         seconds = time.perf_counter() - started
-        return BatchResult(len(found), status.count("done"), status.count("unchanged"), failures, points, seconds)
+        done, unchanged = status.count("done"), status.count("unchanged")
+        return BatchResult(len(found), done, unchanged, failures, noted, points, seconds)
 
     if manifest.known:
         target.sweep()

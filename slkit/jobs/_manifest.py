@@ -27,7 +27,7 @@ class Record:
 
     hash: of its files, the rig, the parameters and the version of slkit, "" where that is not known. status: what is
     "unchanged" is not written. seconds: on the worker. points: of the cloud; cloud: its name in the output folder, ""
-    where there is none. error: one sentence, "" where there is none.
+    where there is none. error: one sentence, "" where there is none. notes: sentences about the pictures.
     """
 
     capture: str
@@ -37,6 +37,7 @@ class Record:
     points: int = 0
     cloud: str = ""
     error: str = ""
+    notes: tuple[str, ...] = ()
 
 
 class Manifest:
@@ -122,6 +123,7 @@ def _record(line: bytes) -> Record | None:
     """Return the record of a line, None where it is torn or none; keys of a later version are passed over."""
     try:
         table: Any = json.loads(line.decode("utf-8", _NAMES))
+        table["notes"] = tuple(table["notes"])
         record = Record(**{f.name: table[f.name] for f in dataclasses.fields(Record)})
     except (ValueError, TypeError, KeyError):
         return None

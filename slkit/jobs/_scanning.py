@@ -71,8 +71,9 @@ def scan_one(job: Job, recipe: Recipe) -> Record:
             record = replace(record, hash=content_hash(place, recipe.told()))
             if record.hash == job.known and target.exists():
                 return replace(record, status="unchanged")
-            points = _scan(place, recipe, target)
-        record = replace(record, status="done", points=points, cloud=job.cloud)
+            points, notes = _scan(place, recipe, target)
+        told = tuple(note.replace(folder, job.source) for note in notes)
+        record = replace(record, status="done", points=points, cloud=job.cloud, notes=told)
     except SlkitError as error:
         # A folder that was fetched is gone when the sentence is read.
         sentence = str(error).replace(folder, job.source) if folder else str(error)
@@ -120,11 +121,11 @@ def _files(root: Path) -> Iterator[Path]:
             yield path
 
 
-def _scan(folder: Path, recipe: Recipe, target: Place) -> int:
-    """Write the cloud of a folder and return how many points it has."""
+def _scan(folder: Path, recipe: Recipe, target: Place) -> tuple[int, tuple[str, ...]]:
+    """Write the cloud of a folder and return how many points it has, and what is to be told of the pictures."""
     from slkit import pipeline
 
     r = recipe
-    cloud = pipeline.scan(folder, r.rig, r.parameters, r.depth, r.filters, r.normals).cloud
-    target.write(pipeline.exporter(target.path)(cloud))
-    return len(cloud)
+    result = pipeline.scan(folder, r.rig, r.parameters, r.depth, r.filters, r.normals)
+    target.write(pipeline.exporter(target.path)(result.cloud))
+    return len(result.cloud), result.notes

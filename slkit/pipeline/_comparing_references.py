@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -37,6 +37,7 @@ class Measured:
     flat_xyz: Float64s | None = None
 
 
+@runtime_checkable
 class Reference(Protocol):
     """Something to compare clouds with."""
 

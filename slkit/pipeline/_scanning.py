@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from slkit import registry
 from slkit.data import Correspondences, Frames, Image, PointCloud
@@ -199,5 +200,5 @@ def _nothing_found(matches: int, folder: str) -> str:
     return f"{folder}: nothing is decoded: are these the pictures of this codec, in display order?"
 
 
-def _pixels(size: tuple[int, int]) -> np.ndarray[Any, Any]:
+def _pixels(size: tuple[int, int]) -> npt.NDArray[np.int64]:
     return np.stack(np.meshgrid(np.arange(size[0]), np.arange(size[1])), axis=-1)

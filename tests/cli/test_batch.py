@@ -7,13 +7,14 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import cv2
 import fsspec
 import pytest
 from distributed import LocalCluster
 
 from slkit import jobs, pipeline
 from slkit.export import read_ply
-from slkit.files import write_rig
+from slkit.files import read_image, write_rig
 from slkit.geometry import Rig
 
 
@@ -61,12 +62,35 @@ def test_some_fail(slkit, command: tuple[object, ...], tmp_path: Path):
         "scanned",
         "unchanged",
         "failures",
+        "noted",
         "points",
         "seconds",
         "captures_per_second",
         "folder",
     }
     assert "missing 004_" in table["failures"][0]["error"]
+
+
+def test_jpeg_pictures_are_told_of(slkit, command: tuple[object, ...], tmp_path: Path):
+    folder = tmp_path / "captures" / "b"
+    frames = sorted(folder.glob("*.png"))
+    for frame in frames:
+        cv2.imwrite(str(frame.with_suffix(".jpg")), read_image(frame))
+        frame.unlink()
+    file = folder / "capture.toml"
+    file.write_text(file.read_text().replace(".png", ".jpg"))
+    good = ("batch", *(tmp_path / "captures" / name for name in "ab"), *command[2:])
+    note = f"{folder}: {len(frames)} of {len(frames)} pictures are JPEG, which changes grey levels and blurs edges"
+    outcome = slkit(*good)
+    assert outcome.code == 0 and "noted" in outcome.out and outcome.out.count("are JPEG") == 1
+    assert [len(line["notes"]) for line in lines(tmp_path)] == [0, 1]
+    assert lines(tmp_path)[1]["notes"][0].startswith(note)
+    # The notes of what is left as it is are those of the manifest.
+    again = slkit(*good, "--resume", "--json").json
+    assert again["unchanged"] == 2 and again["noted"] == []
+    (tmp_path / "clouds" / "b.ply").unlink()
+    (noted,) = slkit(*good, "--resume", "--json").json["noted"]
+    assert noted["capture"] == "b" and noted["notes"][0].startswith(note)
 
 
 def test_options_reach_the_scans(slkit, command: tuple[object, ...], tmp_path: Path):

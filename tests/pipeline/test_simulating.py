@@ -1,5 +1,6 @@
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 import pytest
@@ -50,6 +51,12 @@ class Bands:
         pattern = np.zeros((self.projector[1], self.projector[0], 3), np.uint8)
         pattern[..., 0] = 255
         return Frames.of([pattern[..., 0] if self.grey else pattern], ["bands"])
+
+    def decode(self, frames: Frames, bounds: object = None) -> NoReturn:
+        raise AssertionError("a simulation decodes nothing")
+
+    def lit(self, frames: Frames) -> NoReturn:
+        raise AssertionError("a simulation asks for no lit picture")
 
 
 @pytest.mark.parametrize("grey", [True, False])
