@@ -178,9 +178,13 @@ def test_a_manifest_with_a_torn_line(root: Path, recipe: jobs.Recipe):
         scan(root, recipe)
         assert {line["capture"] for line in lines(root / "clouds")} == {"1", "2", "10"}
         assert not list((root / "clouds").glob(".*"))
-    manifest.write_bytes(whole.replace(b"{", b"[", 1))
-    with pytest.raises(FileError, match="batch.jsonl, line 1, is no record"):
-        scan(root, recipe)
+    for no_record in (whole.replace(b"{", b"[", 1), b"[1, 2]\n" + whole, b'{"capture": "1"}\n' + whole):
+        manifest.write_bytes(no_record)
+        with pytest.raises(FileError, match="batch.jsonl, line 1, is no record"):
+            scan(root, recipe)
+    # As an earlier version wrote it.
+    manifest.write_bytes(whole.replace(b', "notes": []', b""))
+    assert b"notes" not in manifest.read_bytes() and scan(root, recipe).unchanged == 3
 
 
 def test_refused(root: Path, recipe: jobs.Recipe):
