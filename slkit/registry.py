@@ -26,7 +26,10 @@ def names(group: str) -> list[str]:
 
 def load(group: str, name: str) -> Any:
     """Return the plug-in, a class or function, of that name. Errors: PluginError listing what is installed."""
-    installed = _installed(group)
+    if name not in _known(group):
+        # It may have been installed since.
+        _known.cache_clear()
+    installed = _known(group)
     if name not in installed:
         kind = group.removeprefix("slkit.").removesuffix("s")
         raise PluginError(
@@ -79,8 +82,12 @@ def _plain(value: Any) -> Any:
 
 
 @cache
+def _known(group: str) -> dict[str, EntryPoint]:
+    """Return what was installed in a group when it was first asked for: looking takes milliseconds."""
+    return _installed(group)
+
+
 def _installed(group: str) -> dict[str, EntryPoint]:
-    """Return what is installed in a group; looking takes milliseconds, so it is done once."""
     return {point.name: point for point in entry_points(group=group)}
 
 
