@@ -17,15 +17,15 @@ from slkit.triangulation import ray_plane
 def pictures(codec: Gray, dtype: type, rng: np.random.Generator) -> Frames:
     """What a camera of 40 x 30 px sees of the patterns, with noise and a dark corner."""
     y, x = np.mgrid[0:30, 0:40]
-    rows, cols = (y * 1.5 + 1 + np.sin(x)).astype(int), (x * 1.4 + 2).astype(int)
+    rows, cols = (y * 1.5 + 1 + np.sin(x)).astype(int), ((x * 1.4 + 2) * codec.projector[0] / 64).astype(int)
     paint = np.where(x + y < 12, 0.02, 0.6)
     scale = 1 if dtype == np.uint8 else 200
     seen = [scale * (p[rows, cols] * paint + rng.normal(20, 2, x.shape)) for p in codec.encode()]
     return Frames.of([np.rint(p).clip(0, scale * 255).astype(dtype) for p in seen], codec.encode().names)
 
 
-def gray(inverse: bool, dtype: type, rng: np.random.Generator) -> None:
-    codec = Gray((64, 48), axes="both", inverse=inverse)
+def gray(columns: int, inverse: bool, dtype: type, rng: np.random.Generator) -> None:
+    codec = Gray((columns, 48), axes="both", inverse=inverse)
     frames = pictures(codec, dtype, rng)
     here = codec.decode(frames)
     with on_device("cuda"):
@@ -66,7 +66,10 @@ if __name__ == "__main__":
     rng = np.random.default_rng(0)
     for inverse in (True, False):
         for dtype in (np.uint8, np.uint16):
-            gray(inverse, dtype, rng)
+            gray(64, inverse, dtype, rng)
+    # More bits than are read at a time, and more than a short number holds.
+    gray(600, True, np.uint8, rng)
+    gray(40_000, False, np.uint8, rng)
     for seed in range(3):
         points(seed, covered=False)
         points(seed, covered=True)

@@ -23,11 +23,11 @@ def compared(**environment: str) -> str:
 def test_cuda_gives_what_the_processor_gives():
     if why := why_no_cuda():
         pytest.skip(f"no CUDA device: {why}")
-    assert compared().count("the same") == 10
+    assert compared().count("the same") == 12
 
 
 def test_the_simulator_gives_what_the_processor_gives():
-    assert compared(NUMBA_ENABLE_CUDASIM="1").count("the same") == 10
+    assert compared(NUMBA_ENABLE_CUDASIM="1").count("the same") == 12
 
 
 def test_the_choice_ends_with_its_block():
