@@ -88,15 +88,15 @@ _HOMES = {
     "slkit.triangulation": ("triangulate",),
 }
 
-_named = at_first_use(__name__, _HOMES)
+if not TYPE_CHECKING:  # to a checker it would make every name one that exists
+    _named = at_first_use(__name__, _HOMES)
 
+    def __getattr__(name: str) -> Any:
+        if name == "__version__":
+            from importlib.metadata import version
 
-def __getattr__(name: str) -> Any:
-    if name == "__version__":
-        from importlib.metadata import version
-
-        return version("slkit")
-    return _named(name)
+            return version("slkit")
+        return _named(name)
 
 
 def __dir__() -> list[str]:

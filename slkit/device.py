@@ -6,7 +6,7 @@ import os
 import threading
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor, wait
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import cache
@@ -19,7 +19,7 @@ DEVICES = ("cpu", "cuda")
 _chosen = ContextVar("device", default="cpu")
 _thread = threading.local()
 
-T = TypeVar("T")
+_T = TypeVar("_T")
 
 
 @contextmanager
@@ -95,16 +95,29 @@ def side_by_side(work: Callable[[int, int], None], cuts: Sequence[int]) -> None:
         other.result()
 
 
-def one_ahead(items: Iterator[T]) -> Iterator[T]:
-    """Give the items; while one is used a helper works out the next, where more than one thread may work."""
+def one_ahead(items: Iterator[_T]) -> Iterator[_T]:
+    """Give the items; while one is used a helper works out the next, where more than one thread may work.
+
+    The helper does not know what the caller chose by `on_device`. Errors: what an item raises comes in its turn.
+    """
     if threads() == 1 or getattr(_thread, "helps", False):
         yield from items
         return
-    helpers, end = _helpers(os.getpid(), threads()), object()
-    coming = helpers.submit(next, items, end)
-    while (item := coming.result()) is not end:
-        coming = helpers.submit(next, items, end)
-        yield cast("T", item)
+    end, coming = object(), None
+    try:
+        while (item := _taken(coming, items, end)) is not end:
+            coming = _helpers(os.getpid(), threads()).submit(next, items, end)
+            yield cast("_T", item)
+    finally:
+        if coming is not None:
+            coming.cancel()
+        # An error in it would hold this very frame.
+        del coming
+
+
+def _taken(coming: Future[object] | None, items: Iterator[object], end: object) -> object:
+    """Return the next item, worked out here where no helper has begun: it may be another caller's for long."""
+    return next(items, end) if coming is None or coming.cancel() else coming.result()
 
 
 @cache

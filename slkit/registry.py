@@ -26,10 +26,10 @@ def names(group: str) -> list[str]:
 
 def load(group: str, name: str) -> Any:
     """Return the plug-in, a class or function, of that name. Errors: PluginError listing what is installed."""
-    if name not in _known(group):
+    if name not in _remembered(group):
         # It may have been installed since.
-        _known.cache_clear()
-    installed = _known(group)
+        _remembered.cache_clear()
+    installed = _remembered(group)
     if name not in installed:
         kind = group.removeprefix("slkit.").removesuffix("s")
         raise PluginError(
@@ -82,7 +82,7 @@ def _plain(value: Any) -> Any:
 
 
 @cache
-def _known(group: str) -> dict[str, EntryPoint]:
+def _remembered(group: str) -> dict[str, EntryPoint]:
     """Return what was installed in a group when it was first asked for: looking takes milliseconds."""
     return _installed(group)
 

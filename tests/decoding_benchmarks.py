@@ -183,7 +183,7 @@ def batches(captures: int = 160) -> Iterator[Row]:
 def command(*arguments: str) -> None:
     """Run slkit as a user would."""
     program = "from slkit.cli import main; main()"
-    subprocess.run([sys.executable, "-c", program, *arguments], check=True, stdout=-3)
+    subprocess.run([sys.executable, "-c", program, *arguments], check=True, stdout=subprocess.DEVNULL)
 
 
 def others(path: Path) -> Iterator[Row]:

@@ -102,6 +102,34 @@ def test_the_next_item_is_worked_out_while_one_is_used(monkeypatch: pytest.Monke
         assert k == 2 or begun[k + 1].wait(10)
 
 
+def test_items_come_while_every_helper_works_for_another(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("NUMBA_NUM_THREADS", "2")
+    release, busy = threading.Event(), threading.Semaphore(0)
+
+    def long(first: int, last: int) -> None:
+        busy.release()
+        release.wait(10)
+
+    with ThreadPoolExecutor(1) as other:
+        stranger = other.submit(side_by_side, long, [0, 1, 2])
+        assert busy.acquire(timeout=60) and busy.acquire(timeout=60)
+        try:
+            assert list(one_ahead(iter(range(9)))) == list(range(9)) and not stranger.done()
+        finally:
+            release.set()
+            stranger.result()
+
+
+def test_who_stops_early_leaves_nothing_running(count: int):
+    begun: list[int] = []
+    items = one_ahead(begun.append(k) or k for k in range(9))
+    assert next(items) == 0
+    items.close()
+    many = len(begun)
+    time.sleep(0.05)
+    assert many <= len(begun) <= 2
+
+
 def test_an_item_that_fails_comes_out_after_those_before_it(count: int):
     def worked() -> Iterator[int]:
         yield 1

@@ -5,6 +5,7 @@ import sys
 import pytest
 
 import slkit
+from slkit import pipeline
 
 NAMES = """
 BoardView Calibration Capture Correspondences Frames Pinhole PointCloud Pose Rig ScanResult SlkitError calibrate
@@ -27,6 +28,12 @@ def test_version_and_unknown_name():
     assert slkit.__version__.count(".") >= 1
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
         _ = slkit.nothing
+
+
+def test_names_of_the_pipeline_are_imported_when_they_are_used():
+    assert dir(pipeline) == pipeline.__all__ and all(hasattr(pipeline, name) for name in pipeline.__all__)
+    with pytest.raises(AttributeError, match=r"'slkit\.pipeline' has no attribute 'nothing'"):
+        _ = pipeline.nothing
 
 
 def test_import_is_light():

@@ -10,6 +10,7 @@ import gc
 import os
 import sys
 import traceback
+from collections.abc import Sequence
 
 import typer
 
@@ -43,13 +44,14 @@ def main() -> None:
     """
     # OpenCV reports damaged pictures on standard error on its own, beside slkit's sentence.
     os.environ.setdefault("OPENCV_LOG_LEVEL", "OFF")
-    # Looking for cycles among all that is imported, and once more at the end, takes a fifth of a second for nothing.
+    # Looking for cycles among all that is imported, and once more at the end, takes a fifth of a second for nothing;
+    # scans leave none.
     gc.set_threshold(50_000)
     atexit.register(gc.freeze)
     try:
         app()
     except SlkitError as error:
-        _leave(str(error), 2)
+        _leave(str(error), 2, getattr(error, "__notes__", ()))
     except KeyboardInterrupt:
         sys.exit(130)
     except Exception as error:
@@ -59,6 +61,7 @@ def main() -> None:
         _leave(f"internal error, please report it with the output of SLKIT_DEBUG=1: {what}", 1)
 
 
-def _leave(sentence: str, code: int) -> None:
-    print("slkit: " + " ".join(sentence.splitlines()), file=sys.stderr)
+def _leave(sentence: str, code: int, notes: Sequence[str] = ()) -> None:
+    for line in (sentence, *(f"note: {note}" for note in notes)):
+        print("slkit: " + " ".join(line.splitlines()), file=sys.stderr)
     sys.exit(code)

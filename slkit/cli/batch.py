@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -76,15 +75,14 @@ def _report(result: BatchResult, folder: str, as_json: bool) -> None:
     print(f"clouds and batch.jsonl: {folder}")
     if left:
         print(f"interrupted: {left} captures are left, which the same command with --resume scans")
-    _print_some(("noted", "what"), [(r.capture, note) for r in result.noted for note in r.notes])
-    _print_some(("failed", "why"), [(r.capture, r.error) for r in result.failures])
-
-
-def _print_some(columns: tuple[str, str], rows: Sequence[tuple[str, str]]) -> None:
-    if rows:
-        print_table(columns, rows[:_SHOWN])
-    if len(rows) > _SHOWN:
-        print(f"and {len(rows) - _SHOWN} more, in batch.jsonl")
+    if result.noted:
+        # All captures of a batch tend to have the same.
+        first, *others = result.noted
+        print(f"note: {first.notes[0]}" + (f" (and {len(others)} more, in batch.jsonl)" if others else ""))
+    if result.failures:
+        print_table(("failed", "why"), [(r.capture, r.error) for r in result.failures[:_SHOWN]])
+    if len(result.failures) > _SHOWN:
+        print(f"and {len(result.failures) - _SHOWN} more, in batch.jsonl")
 
 
 def _plain(result: BatchResult) -> dict[str, Any]:

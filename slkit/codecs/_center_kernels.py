@@ -11,7 +11,7 @@ Wholes = npt.NDArray[np.int32]
 Places = npt.NDArray[np.intp]
 
 LANES = 64
-"""So many lines at a time."""
+"""So many lines at a time: about half of what a row of a picture holds, so that few lanes stay empty."""
 
 # What is kept of each line, so many numbers apart: a fixed distance tells the compiler that they do not overlap, which
 # it needs for parallel lanes.

@@ -89,7 +89,7 @@ class View:
         gradient = np.gradient(np.log(self.light.span), axis=1).astype(np.float32)
         brighter = np.clip(sample_row(gradient, peaks.row, peaks.col), -STEEPEST, STEEPEST)
         moved = replace(peaks, col=peaks.col + VARIANCE * brighter)
-        # Where it ends up the slope is known, or it is left out; where it came from it need not be.
+        # A line whose new place has no slope is left out later; its old place need not have one.
         spacing = period / np.maximum(np.abs(self.slope[peaks.row, moved.nearest]), FLATTEST)
         sampling = SAMPLING * np.maximum(COMFORTABLE_SPACING / spacing, 1) ** 3
         doubt = VARIANCE_DOUBT * np.minimum(sample_row(around(gradient), peaks.row, peaks.col), STEEPEST)

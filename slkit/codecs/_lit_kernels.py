@@ -40,9 +40,9 @@ def lit_rows(
     """Take four frames of a set (r, w) into its sums, and mark where one is saturated.
 
     With the last, take out of lit (r, w) where the modulation is not above snr times the noise of one frame, and write
-    the frames' mean, rounded, to mean (r, w) or, where nobody asks, (0, w). most (4,): the highest level of each frame
-    that is not saturated; noise (3,): variance in dark, its gain a level, the dark level; steps: of the whole set; else
-    as `wave_rows`.
+    the frames' mean, rounded, to mean: (r, w), or (0, w) where it is not wanted. most (4,): the highest level of each
+    frame that is not saturated; noise (3,): variance in dark, its gain a level, the dark level; steps: of the whole
+    set; else as `wave_rows`.
     """
     for row in range(lit.shape[0]):
         for start in range(0, lit.shape[1], CHUNK):

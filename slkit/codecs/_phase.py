@@ -139,27 +139,25 @@ def _mean_in(tiles: Tiles, fringes: FringeSet, usable: Mask) -> Float32s:
     return total * np.float32(1 / fringes.steps)
 
 
-def modulated(
-    sets: Sequence[FringeSet], noise: NoiseCurve, within: Mask | None, min_snr: float, mean: Image | None = None
-) -> Mask:
-    """Return where (h, w) all sets modulate more than min_snr times the noise and none is saturated.
+def modulated(sets: Sequence[FringeSet], noise: NoiseCurve, within: Mask | None, min_snr: float) -> tuple[Mask, Levels]:
+    """Return where (h, w) all sets modulate more than min_snr times the noise and none is saturated, and a mean (h, w).
 
     Two rings at the rim are left out: the modulation of a rim is large enough to be read long after its place has
-    become its neighbour's. within (h, w): where to look; mean (h, w): gets the first set's mean, as by `mean_of`.
-    Errors: DecodeError where nothing is left.
+    become its neighbour's. within (h, w): where to look. The mean is that of the first set's grey levels, rounded; it
+    comes with the sums. Errors: DecodeError where nothing is left.
     """
     from slkit.codecs._lit_kernels import lit_rows
     from slkit.codecs._wave_kernels import sums_for
 
     shape, steps = sets[0].frames[0].shape, max(fringes.steps for fringes in sets)
     lit, saturated, good = (np.empty(shape, dtype=np.bool_) for _ in range(3))
-    nothing = np.empty((0, shape[1]), sets[0].frames[0].dtype)
+    mean = np.empty_like(sets[0].frames[0])
 
     def block(rows: slice, sums: Float32s) -> None:
         bright, burnt = lit[rows], saturated[rows]
         bright[:], burnt[:] = True, False
         for index, fringes in enumerate(sets):
-            to = nothing if index or mean is None else mean[rows]
+            to = mean[:0] if index else mean[rows]
             for four in fringes.part(lambda frame: frame[rows]).fours():
                 lit_rows(*four, sums, fringes.steps, noise.numbers, min_snr, bright, burnt, to)
             if fringes.burnt is not None:
@@ -171,4 +169,4 @@ def modulated(
     over_large_blocks(lambda rows: sums_for(steps, rows, shape[1]), block, shape)
     mask = without_rim(without_rim(good))
     refuse_empty(mask, lit, saturated)
-    return mask
+    return mask, mean

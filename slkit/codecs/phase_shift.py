@@ -140,21 +140,20 @@ class PhaseShift:
         reader = Reader(frames, names)
         references = [reader.color(0), reader.color(1)] if self.references else []
         light = measure_light(references[0], references[1], self.min_snr) if self.order == "gray" else None
-        sets, mean = self._read_sets(reader, names)
+        sets, colored = self._read_sets(reader, names)
         every = [fringes for axis in axes for fringes in sets[axis]]
         shape = every[0].frames[0].shape
         if bounds is not None and bounds.shape != (*shape, 4):
             raise InputError(f"bounds must have the shape {(*shape, 4)}, not {bounds.shape}")
         noise = noise_of(every) if light is None or len(every) > 1 else light.curve
-        # The mean of grey pictures comes with the sums, that of colours was taken before.
-        summed = None if self.references or mean is not None else np.empty_like(every[0].frames[0])
-        mask = modulated(every, noise, None if light is None else light.mask, self.min_snr, summed)
-        lit = next(image for image in (*references[:1], mean, summed) if image is not None)
+        mask, mean = modulated(every, noise, None if light is None else light.mask, self.min_snr)
+        if colored is None:
+            colored = references[0] if self.references else mean
         ladders: dict[int, Ladder] = {}
         for axis in axes:
             start = None if light is None else self._read_order(axis, reader, names, light, bounds)
             ladders[int(axis == "y")] = self._ladder(axis, sets[axis], noise, start, bounds)
-        return decode_rows(ladders, mask, lit)
+        return decode_rows(ladders, mask, colored)
 
     def lit(self, frames: Frames) -> Image:
         """Return the white picture as grey (h, w), or the mean of the first set of fringes. Errors: as `decode`."""
@@ -188,7 +187,7 @@ class PhaseShift:
                 )
 
     def _read_sets(self, reader: Reader, names: list[str]) -> tuple[dict[Axis, tuple[FringeSet, ...]], Image | None]:
-        """Return the sets of each axis, coarsest first, and the mean of the very first where colours are to be had."""
+        """Return the sets of each axis, coarsest first; without references the mean of the first if it has colours."""
         sets, mean = dict[Axis, tuple[FringeSet, ...]](), None
         for axis in coded_axes(self.axes):
             fringes, found = self.fringes(axis), list[FringeSet]()

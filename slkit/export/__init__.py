@@ -40,7 +40,7 @@ def ply(cloud: PointCloud) -> Iterator[bytes | memoryview]:
 
 
 def _rows(cloud: PointCloud, start: int, width: int) -> memoryview:
-    """Return xyz, normals, colour, sigmas and residual of a part of the points as rows of bytes."""
+    """Return xyz, normals, colour, sigmas and residual of a part of the points as rows of so many bytes."""
     from slkit.export._row_kernels import write_rows
 
     def part(column: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:

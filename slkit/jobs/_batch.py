@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 from slkit.errors import InputError
@@ -21,7 +21,7 @@ from slkit.jobs._scanning import Job, Recipe, scan_one
 class BatchResult:
     """captures: how many there are; scanned: how many clouds were written; unchanged: how many were there already.
 
-    failures: the records of those without a cloud. noted: of those whose pictures there is something to tell of.
+    failures: the records of those without a cloud; noted: of those with notes on their pictures, unchanged ones too.
     points: of the clouds written. seconds: from first to last.
     """
 
@@ -95,7 +95,9 @@ def _scan_all(
     tally: dict[str, Record] = {}
 
     def tell(record: Record) -> None:
-        if record.status != "unchanged":
+        if record.status == "unchanged":
+            record = replace(record, notes=manifest.known[record.capture].notes)
+        else:
             manifest.append(record)
         tally[record.capture] = record
         if progress is not None:

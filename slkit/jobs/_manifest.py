@@ -122,7 +122,7 @@ def _parsed(place: Place) -> tuple[bytes, dict[str, Record]]:
 def _record(line: bytes) -> Record | None:
     """Return the record of a line, None where it is torn or none; keys of a later version are passed over."""
     try:
-        # Earlier versions told no notes.
+        # Earlier versions wrote no notes.
         table: dict[str, Any] = {"notes": (), **json.loads(line.decode("utf-8", _NAMES))}
         table["notes"] = tuple(table["notes"])
         record = Record(**{f.name: table[f.name] for f in dataclasses.fields(Record)})

@@ -7,7 +7,7 @@ import hashlib
 import json
 import os
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -72,17 +72,22 @@ def scan_one(job: Job, recipe: Recipe) -> Record:
             if record.hash == job.known and target.exists():
                 return replace(record, status="unchanged")
             points, notes = _scan(place, recipe, target)
-        told = tuple(note.replace(folder, job.source) for note in notes)
-        record = replace(record, status="done", points=points, cloud=job.cloud, notes=told)
+        record = replace(record, status="done", points=points, cloud=job.cloud, notes=_named(notes, folder, job))
     except SlkitError as error:
-        # A folder that was fetched is gone when the sentence is read.
-        sentence = str(error).replace(folder, job.source) if folder else str(error)
-        record = replace(record, error=" ".join(sentence.split()))
+        (sentence,) = _named([str(error)], folder, job)
+        notes = _named(getattr(error, "__notes__", ()), folder, job)
+        record = replace(record, error=sentence, notes=notes)
     # One capture must not end the batch, not even by a fault of slkit.
     except Exception as error:
         what = " ".join(f"{type(error).__name__}: {error}".split())
         record = replace(record, error=f"{job.source}: internal error, please report it: {what}")
     return replace(record, seconds=round(time.perf_counter() - started, 4))
+
+
+def _named(sentences: Iterable[str], folder: str, job: Job) -> tuple[str, ...]:
+    """Return sentences, a line each, with the place of the capture: what was fetched is gone when they are read."""
+    named = (sentence.replace(folder, job.source) if folder else sentence for sentence in sentences)
+    return tuple(" ".join(sentence.split()) for sentence in named)
 
 
 def content_hash(folder: Path, told: str) -> str:

@@ -124,4 +124,9 @@ _HOMES = {
     "slkit.pipeline._simulating": ("simulate_calibration", "simulate_scan"),
 }
 
-__getattr__ = at_first_use(__name__, _HOMES)
+if not TYPE_CHECKING:  # to a checker it would make every name one that exists
+    __getattr__ = at_first_use(__name__, _HOMES)
+
+
+def __dir__() -> list[str]:
+    return __all__

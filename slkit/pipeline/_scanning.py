@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ import numpy.typing as npt
 
 from slkit import registry
 from slkit.data import Correspondences, Frames, Image, PointCloud
-from slkit.errors import DecodeError, FileError, InputError
+from slkit.errors import DecodeError, FileError, InputError, SlkitError
 from slkit.files import Progress, merged, read_bytes, read_capture, reading_ahead, write_bytes, write_png
 from slkit.geometry import Rig, homogeneous
 from slkit.pipeline._patterns import load_codec
@@ -52,7 +53,7 @@ def scan(
     parameters: fields of the codec, before what capture.toml says. depth: nearest and farthest depth in mm.
     filters: a `triangulation.Filters`, default all. normals: estimate them.
     Errors: FileError or InputError naming file and key; InputError where the rig belongs to another camera or
-    projector; DecodeError where no point is found.
+    projector; DecodeError where no point is found. They carry the notes on the pictures as their `__notes__`.
     """
     from slkit.triangulation import Filters, triangulate, with_normals
 
@@ -61,18 +62,19 @@ def scan(
     codec = with_rig_colors(load_codec(found.codec, found.projector, given, str(found.file)), rig)
     names = codec.encode().names
     notes = found.notes(names)
-    with reading_ahead(found.frames(names)) as ahead:
-        frames, waiting = _watched(ahead, progress)
-        check_rig(rig, codec, frames[0], str(folder))
-        limits = None if depth is None else bounds(rig, depth)
-        started = time.perf_counter()
-        correspondences = _decode(codec, frames, limits, str(folder))
-    decoded = time.perf_counter()
-    cloud, removed = triangulate(correspondences, rig), {}
-    if len(cloud):
-        cloud, removed = (filters or Filters()).apply(cloud, depth)
-    if not len(cloud):
-        raise DecodeError(_nothing_found(len(correspondences), str(folder)))
+    with _noted(notes):
+        with reading_ahead(found.frames(names)) as ahead:
+            frames, waiting = _watched(ahead, progress)
+            check_rig(rig, codec, frames[0], str(folder))
+            limits = None if depth is None else bounds(rig, depth)
+            started = time.perf_counter()
+            correspondences = _decode(codec, frames, limits, str(folder))
+        decoded = time.perf_counter()
+        cloud, removed = triangulate(correspondences, rig), {}
+        if len(cloud):
+            cloud, removed = (filters or Filters()).apply(cloud, depth)
+        if not len(cloud):
+            raise DecodeError(_nothing_found(len(correspondences), str(folder)))
     cloud = with_normals(cloud) if normals else cloud
     finished = time.perf_counter()
     read = sum(waiting)
@@ -149,6 +151,17 @@ def view(cloud_file: str | Path, picture: str | Path) -> None:
     except FileError as error:
         raise FileError(f"{cloud_file}: {error}") from error
     write_png(picture, draw_cloud(cloud))
+
+
+@contextmanager
+def _noted(notes: Sequence[str]) -> Generator[None]:
+    """Add what is to be told of the pictures to an error: it may be why they cannot be decoded."""
+    try:
+        yield
+    except SlkitError as error:
+        for note in notes:
+            error.add_note(note)
+        raise
 
 
 def _decode(codec: Codec, frames: Frames, limits: Bounds | None, folder: str) -> Correspondences:

@@ -1,3 +1,4 @@
+import gc
 import json
 import sys
 from collections.abc import Callable
@@ -27,6 +28,7 @@ def slkit(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -
     def run(*arguments: object) -> Outcome:
         monkeypatch.setattr(sys, "argv", ["slkit", *map(str, arguments)])
         monkeypatch.setenv("OPENCV_LOG_LEVEL", "OFF")
+        monkeypatch.setattr(gc, "set_threshold", lambda *_: None)
         capsys.readouterr()
         with pytest.raises(SystemExit) as left:
             main()

@@ -82,15 +82,30 @@ def test_jpeg_pictures_are_told_of(slkit, command: tuple[object, ...], tmp_path:
     good = ("batch", *(tmp_path / "captures" / name for name in "ab"), *command[2:])
     note = f"{folder}: {len(frames)} of {len(frames)} pictures are JPEG, which changes grey levels and blurs edges"
     outcome = slkit(*good)
-    assert outcome.code == 0 and "noted" in outcome.out and outcome.out.count("are JPEG") == 1
+    assert outcome.code == 0 and outcome.out.count(f"note: {note}") == outcome.out.count("are JPEG") == 1
     assert [len(line["notes"]) for line in lines(tmp_path)] == [0, 1]
     assert lines(tmp_path)[1]["notes"][0].startswith(note)
-    # The notes of what is left as it is are those of the manifest.
     again = slkit(*good, "--resume", "--json").json
-    assert again["unchanged"] == 2 and again["noted"] == []
-    (tmp_path / "clouds" / "b.ply").unlink()
-    (noted,) = slkit(*good, "--resume", "--json").json["noted"]
-    assert noted["capture"] == "b" and noted["notes"][0].startswith(note)
+    (noted,) = again["noted"]
+    assert again["unchanged"] == 2 and noted == {"capture": "b", "notes": lines(tmp_path)[1]["notes"]}
+
+
+def test_jpeg_pictures_that_cannot_be_decoded_are_told_of(slkit, command: tuple[object, ...], tmp_path: Path):
+    """By a batch of several, and by a scan: they may be why."""
+    for name in "ab":
+        folder = tmp_path / "captures" / name
+        for frame in sorted(folder.glob("*.png")):
+            cv2.imwrite(str(frame.with_suffix(".jpg")), 0 * read_image(frame))
+            frame.unlink()
+        file = folder / "capture.toml"
+        file.write_text(file.read_text().replace(".png", ".jpg"))
+    outcome = slkit("batch", *(tmp_path / "captures" / name for name in "ab"), *command[2:])
+    assert outcome.code == 3 and outcome.out.count("are JPEG") == 1
+    assert "(and 1 more, in batch.jsonl)" in outcome.out
+    assert [(line["status"], len(line["notes"])) for line in lines(tmp_path)] == 2 * [("failed", 1)]
+    alone = slkit("scan", tmp_path / "captures" / "a", "--rig", command[3], "-o", tmp_path / "a.ply")
+    sentence, note = alone.err.splitlines()
+    assert alone.code == 2 and sentence.startswith("slkit: ") and "are JPEG" in note and "JPEG" not in sentence
 
 
 def test_options_reach_the_scans(slkit, command: tuple[object, ...], tmp_path: Path):

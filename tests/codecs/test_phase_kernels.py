@@ -118,7 +118,10 @@ def test_modulated_pixels_are_not_saturated_and_not_at_a_rim(kind: type, top: in
     lit = total > 4 * NOISE.at(np.mean(fringes.frames, axis=0).astype(np.float32))
     within = rng.random(lit.shape) < 0.99
     expected = without_rim(without_rim(lit & ~burnt & within))
-    assert np.array_equal(modulated([fringes], NOISE, within, 4.0), expected)
+    mask, mean = modulated([fringes, fringes], NOISE, within, 4.0)
+    assert np.array_equal(mask, expected)
+    np.testing.assert_allclose(mean, np.mean(fringes.frames, axis=0), atol=0.501)
+    assert colour or np.array_equal(mean, mean_of(shown))
     with pytest.raises(DecodeError, match="no pixel is lit"):
         modulated([set_of([0 * picture for picture in pictures], 1, 0.0, 16.0)], NOISE, None, 4.0)
 
