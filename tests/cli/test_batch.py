@@ -7,14 +7,13 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-import cv2
 import fsspec
 import pytest
 from distributed import LocalCluster
 
 from slkit import jobs, pipeline
 from slkit.export import read_ply
-from slkit.files import read_image, write_rig
+from slkit.files import write_rig
 from slkit.geometry import Rig
 
 
@@ -71,16 +70,11 @@ def test_some_fail(slkit, command: tuple[object, ...], tmp_path: Path):
     assert "missing 004_" in table["failures"][0]["error"]
 
 
-def test_jpeg_pictures_are_told_of(slkit, command: tuple[object, ...], tmp_path: Path):
+def test_jpeg_pictures_are_told_of(slkit, command: tuple[object, ...], tmp_path: Path, to_jpeg):
     folder = tmp_path / "captures" / "b"
-    frames = sorted(folder.glob("*.png"))
-    for frame in frames:
-        cv2.imwrite(str(frame.with_suffix(".jpg")), read_image(frame))
-        frame.unlink()
-    file = folder / "capture.toml"
-    file.write_text(file.read_text().replace(".png", ".jpg"))
+    count = to_jpeg(folder)
     good = ("batch", *(tmp_path / "captures" / name for name in "ab"), *command[2:])
-    note = f"{folder}: {len(frames)} of {len(frames)} pictures are JPEG, which changes grey levels and blurs edges"
+    note = f"{folder}: {count} of {count} pictures are JPEG, which changes grey levels and blurs edges"
     outcome = slkit(*good)
     assert outcome.code == 0 and outcome.out.count(f"note: {note}") == outcome.out.count("are JPEG") == 1
     assert [len(line["notes"]) for line in lines(tmp_path)] == [0, 1]
@@ -90,15 +84,10 @@ def test_jpeg_pictures_are_told_of(slkit, command: tuple[object, ...], tmp_path:
     assert again["unchanged"] == 2 and noted == {"capture": "b", "notes": lines(tmp_path)[1]["notes"]}
 
 
-def test_jpeg_pictures_that_cannot_be_decoded_are_told_of(slkit, command: tuple[object, ...], tmp_path: Path):
+def test_jpeg_pictures_that_cannot_be_decoded_are_told_of(slkit, command: tuple[object, ...], tmp_path: Path, to_jpeg):
     """By a batch of several, and by a scan: they may be why."""
     for name in "ab":
-        folder = tmp_path / "captures" / name
-        for frame in sorted(folder.glob("*.png")):
-            cv2.imwrite(str(frame.with_suffix(".jpg")), 0 * read_image(frame))
-            frame.unlink()
-        file = folder / "capture.toml"
-        file.write_text(file.read_text().replace(".png", ".jpg"))
+        to_jpeg(tmp_path / "captures" / name, 0)
     outcome = slkit("batch", *(tmp_path / "captures" / name for name in "ab"), *command[2:])
     assert outcome.code == 3 and outcome.out.count("are JPEG") == 1
     assert "(and 1 more, in batch.jsonl)" in outcome.out

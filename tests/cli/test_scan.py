@@ -2,7 +2,6 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
@@ -48,14 +47,9 @@ def test_json(slkit, folder: Path, rig_file: Path, tmp_path: Path):
     assert f"element vertex {table['points']}\n".encode() in cloud.read_bytes()[:400]
 
 
-def test_loss_is_told(slkit, folder: Path, rig_file: Path, tmp_path: Path):
-    frames = sorted(folder.glob("0*.png"))
-    for frame in frames:
-        cv2.imwrite(str(frame.with_suffix(".jpg")), read_image(frame))
-        frame.unlink()
-    file = folder / "capture.toml"
-    file.write_text(file.read_text().replace(".png", ".jpg"))
-    note = f"{folder}: {len(frames)} of {len(frames)} pictures are JPEG, which changes grey levels and blurs edges"
+def test_loss_is_told(slkit, folder: Path, rig_file: Path, tmp_path: Path, to_jpeg):
+    count = to_jpeg(folder)
+    note = f"{folder}: {count} of {count} pictures are JPEG, which changes grey levels and blurs edges"
     command = ("scan", folder, "--rig", rig_file, "-o", tmp_path / "c.ply")
     outcome = slkit(*command)
     assert outcome.code == 0 and outcome.err == "" and outcome.out.count(f"note: {note}") == outcome.out.count("JPEG")
