@@ -59,10 +59,13 @@ def why_no_cuda() -> str:
 
 
 def threads() -> int:
-    """Return how many threads may work at a time: NUMBA_NUM_THREADS, else as many as there are processors to use."""
+    """Return how many threads may work at a time: NUMBA_NUM_THREADS, else as many as there are cores to use."""
     given = os.environ.get("NUMBA_NUM_THREADS", "")
-    if given.isdecimal() and int(given):
-        return int(given)
+    return int(given) if given.isdecimal() and int(given) else cores()
+
+
+def cores() -> int:
+    """Return how many cores this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 

@@ -190,7 +190,7 @@ def test_importing_is_light():
 def test_a_large_cloud_comes_in_parts():
     cloud = some_cloud(300_000)
     parts = list(ply(cloud))
-    assert len(parts) > 2 and max(map(len, parts)) < len(b"".join(parts)) / 2
+    assert len(parts) == 6
     back = read_ply(b"".join(parts))
     np.testing.assert_array_equal(back.xyz, cloud.xyz)
     np.testing.assert_array_equal(back.residual_px, cloud.residual_px)

@@ -140,20 +140,20 @@ class PhaseShift:
         reader = Reader(frames, names)
         references = [reader.color(0), reader.color(1)] if self.references else []
         light = measure_light(references[0], references[1], self.min_snr) if self.order == "gray" else None
-        sets, colored = self._read_sets(reader, names)
+        sets, shown = self._read_sets(reader, names)
         every = [fringes for axis in axes for fringes in sets[axis]]
         shape = every[0].frames[0].shape
         if bounds is not None and bounds.shape != (*shape, 4):
             raise InputError(f"bounds must have the shape {(*shape, 4)}, not {bounds.shape}")
         noise = noise_of(every) if light is None or len(every) > 1 else light.curve
         mask, mean = modulated(every, noise, None if light is None else light.mask, self.min_snr)
-        if colored is None:
-            colored = references[0] if self.references else mean
+        if shown is None:
+            shown = references[0] if self.references else mean
         ladders: dict[int, Ladder] = {}
         for axis in axes:
             start = None if light is None else self._read_order(axis, reader, names, light, bounds)
             ladders[int(axis == "y")] = self._ladder(axis, sets[axis], noise, start, bounds)
-        return decode_rows(ladders, mask, colored)
+        return decode_rows(ladders, mask, shown)
 
     def lit(self, frames: Frames) -> Image:
         """Return the white picture as grey (h, w), or the mean of the first set of fringes. Errors: as `decode`."""

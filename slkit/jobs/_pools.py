@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
+from slkit.device import cores
 from slkit.errors import InputError, SlkitError
 
 # Workers are as many as there are cores: threads of their own would be in each other's way.
@@ -47,7 +48,7 @@ def local_pool(workers: int | None = None) -> Generator[Pool]:
     """
     if workers is not None and workers < 1:
         raise InputError(f"there must be at least 1 worker, not {workers}")
-    count = workers or _cores()
+    count = workers or cores()
     # Not a fork: threads of this process, such as OpenCV's, would be missing in the child and their locks held.
     context = multiprocessing.get_context("spawn")
 
@@ -86,11 +87,6 @@ def cluster(address: str) -> Generator[Pool]:
     with client:
         threads = sum(client.nthreads().values())
         yield Pool(client.get_executor, max(_FEWEST_AHEAD, 4 * threads))
-
-
-def _cores() -> int:
-    """Return how many cores this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _live_with_parent() -> None:
